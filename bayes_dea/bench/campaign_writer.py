@@ -1,0 +1,143 @@
+"""Writes a simulated campaign as a folder: campaign.toml, CSV files, and truth.json beside them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_dea import __version__
+from bayes_dea.bench.plan import CampaignPlan, SensorSheet
+from bayes_dea.bench.simulate import simulate
+from bayes_dea.errors import InputError
+
+ORIGIN = "virtual bench of bayes-dea, simulated, not measured"
+TRUTH = "truth.json"
+_UNITS = {"displacement": "m", "force": "N", "position": "m"}
+
+
+def _sensor_table(sheet: SensorSheet, unit: str) -> dict[str, float]:
+    return {f"{name}_{unit}": value for name, value in asdict(sheet).items()}
+
+
+def campaign_table(plan: CampaignPlan, seed: int) -> dict[str, Any]:
+    """What campaign.toml says of `plan` (CONTRACT 1); nothing that only the bench could know."""
+    actuator = asdict(plan.geometry)
+    rows = []
+    used: set[str] = set()
+    for recording in plan.recordings:
+        kind = recording.protocol.kind
+        used |= {"force", "position"} if kind in ("compression", "relaxation") else {"displacement"}
+        row: dict[str, Any] = {"file": recording.file, "kind": kind, "role": recording.role}
+        if recording.specimen != "A":
+            row["specimen"] = recording.specimen
+        if recording.zeroed:
+            row["zeroed"] = True
+        own = asdict(plan.geometry_of(recording))
+        differs = {name: value for name, value in own.items() if value != actuator[name]}
+        if differs:
+            row["actuator"] = differs
+        rows.append(row)
+    return {
+        "actuator": actuator,
+        "sensor": {channel: _sensor_table(getattr(plan.sensors, channel), unit)
+                   for channel, unit in _UNITS.items() if channel in used},
+        "ambient": {"temperature_C": plan.temperature_C, "relative_humidity_pct": plan.relative_humidity_pct},
+        "recording": rows,
+        "meta": {"origin": ORIGIN, "plan": plan.name, "seed": seed, "version": __version__},
+    }
+
+
+def _write_csv(path: Path, columns: dict[str, NDArray[np.float64]]) -> None:
+    import pyarrow as pa
+    import pyarrow.csv as pacsv
+
+    # pyarrow writes the shortest text that reads back as the same double: exact and compact. Its header would
+    # be in quotes, which not every reader expects.
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    with path.open("wb") as file:
+        file.write((",".join(columns) + "\n").encode())
+        pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))
+
+
+def _toml(table: dict[str, Any]) -> str:
+    """The tables of `campaign_table` as text, recordings as [[recording]] with dotted actuator entries."""
+    import tomli_w
+
+    parts = [tomli_w.dumps({k: table[k] for k in ("actuator", "sensor", "ambient")})]
+    for row in table["recording"]:
+        plain = {k: v for k, v in row.items() if k != "actuator"}
+        own = tomli_w.dumps(row.get("actuator", {})).splitlines()
+        parts.append("[[recording]]\n" + tomli_w.dumps(plain) + "".join(f"actuator.{line}\n" for line in own))
+    parts.append(tomli_w.dumps({"meta": table["meta"]}))
+    return "\n".join(parts)
+
+
+def _check_free(out: Path, plan: CampaignPlan) -> None:
+    """Refuse to write over anything but an earlier campaign of the virtual bench."""
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise InputError(f"{out}: is a file; give --out a folder")
+    campaign = out / "campaign.toml"
+    if campaign.exists():
+        try:
+            meta = tomllib.loads(campaign.read_text(encoding="utf-8")).get("meta", {})
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+            meta = {}
+        if isinstance(meta, dict) and meta.get("origin") == ORIGIN:
+            return
+        raise InputError(f"{campaign}: is a campaign that the virtual bench did not write; "
+                         "give --out another folder")
+    for name in [*(r.file for r in plan.recordings), TRUTH]:
+        if (out / name).exists():
+            raise InputError(f"{out / name}: is already there and not from the virtual bench; "
+                             "give --out another folder")
+
+
+def write_campaign(out: Path, plan: CampaignPlan, seed: int,
+                   progress: Callable[[int, int, str], None] | None = None) -> Path:
+    """Write `plan`, carried out with `seed`, into the folder `out`; return `out`.
+
+    Files appear whole or not at all: everything is written beside `out` first and moved in at the end,
+    campaign.toml last. `truth.json` holds the true parameters, gains, offsets and contacts; no other part of
+    the tool reads it. `progress(done, of, file)` is called after every recording. Raises InputError where
+    `out` holds anything of the same names that the virtual bench did not write.
+    """
+    out = Path(out)
+    if seed < 0:
+        raise InputError(f"--seed is {seed}; give zero or a positive number")
+    _check_free(out, plan)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    except OSError as error:
+        raise InputError(f"{out}: cannot be created ({error.strerror}); "
+                         "give --out a folder that may be written") from None
+    try:
+        truths = []
+        for done, simulated in enumerate(simulate(plan, seed), 1):
+            _write_csv(work / simulated.plan.file, simulated.columns)
+            truths.append(simulated.truth)
+            if progress is not None:
+                progress(done, len(plan.recordings), simulated.plan.file)
+        truth = {"about": "what was true of this simulation, to check answers; never read by the tool",
+                 "plan": plan.name, "seed": seed, "version": __version__,
+                 "parameters": plan.material.parameters(), "recordings": truths}
+        (work / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+        (work / "campaign.toml").write_text(_toml(campaign_table(plan, seed)), encoding="utf-8")
+        out.mkdir(exist_ok=True)
+        for name in [*(r.file for r in plan.recordings), TRUTH, "campaign.toml"]:
+            os.replace(work / name, out / name)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return out

@@ -1,0 +1,76 @@
+"""What columns must obey to be a recording at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_dea.campaign.vocabulary import COLUMNS, did_you_mean
+from bayes_dea.errors import InputError
+
+MIN_ROWS = 10
+#: beyond any SI quantity of a bench; squares of it stay finite
+LARGEST = 1e30
+#: a capacitance curve without time is a handful of points
+MIN_ROWS_WITHOUT_TIME = 3
+
+
+def check_columns(label: str, kind: str, columns: Mapping[str, NDArray[np.float64]],
+                  where: Callable[[int], str]) -> None:
+    """Checks the columns of one recording, (n,) float64 arrays of one length.
+
+    `label` is what messages call the recording, `where(i)` says where element i stands. Raises InputError for
+    missing columns, unequal lengths, fewer than ten rows, time that is not finite and strictly rising,
+    infinite numbers and columns without a single number.
+    """
+    for name in COLUMNS[kind].required if kind in COLUMNS else ("time_s",):
+        if name not in columns:
+            raise InputError(f"{label}: column {name} is missing. {did_you_mean(name, columns)}")
+    sizes = {name: values.size for name, values in columns.items()}
+    if len(set(sizes.values())) > 1:
+        said = ", ".join(f"{k} {v}" for k, v in sizes.items())
+        raise InputError(f"{label}: the columns have different lengths ({said}).")
+    rows = next(iter(sizes.values()))
+    least = MIN_ROWS if "time_s" in columns else MIN_ROWS_WITHOUT_TIME
+    if rows < least:
+        raise InputError(f"{label}: {rows} rows are too few for a recording ({least} at least). Record "
+                         "longer, or take it out of the campaign.")
+    for name, values in columns.items():
+        if np.isinf(values).any():
+            at = int(np.flatnonzero(np.isinf(values))[0])
+            raise InputError(f"{label}, {where(at)}: {name} is infinite. Write the number, or nan for a gap.")
+        if (np.abs(values) > LARGEST).any():
+            at = int(np.flatnonzero(np.abs(values) > LARGEST)[0])
+            raise InputError(f"{label}, {where(at)}: {name} = {values[at]:.3g} cannot be measured; the file "
+                             f"is "
+                             "damaged there. Write the number, or nan for a gap.")
+    if "time_s" in columns:
+        _check_time(label, columns["time_s"], where)
+    for name, values in columns.items():
+        if np.isnan(values).all():
+            raise InputError(f"{label}: column {name} holds no number at all, only gaps. Take the recording "
+                             "or the column out, or record it again.")
+
+
+def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], str]) -> None:
+    if np.isnan(time).any():
+        at = int(np.flatnonzero(np.isnan(time))[0])
+        raise InputError(f"{label}, {where(at)}: time_s is missing. Time has no gaps: write the time, or "
+                         "delete the row.")
+    stuck = np.flatnonzero(np.diff(time) <= 0)
+    if stuck.size == 0:
+        return
+    at = int(stuck[0]) + 1
+    now, before = float(time[at]), float(time[at - 1])
+    more = int(stuck.size) - 1
+    others = f" ({more} further {'rows' if more > 1 else 'row'} too.)" if more else ""
+    if now == before:
+        digits = ("The times have too few digits: write more of them." if stuck.size > time.size // 100
+                  else "Delete the repeated row, or write its time with more digits.")
+        raise InputError(f"{label}, {where(at)}: time_s repeats {now:.12g} s of the row before.{others} "
+                         f"{digits}")
+    raise InputError(f"{label}, {where(at)}: time_s runs backwards, {now:.12g} s after {before:.12g} "
+                     f"s.{others} If two recordings were joined, split the file there; otherwise sort or "
+                     "delete the rows.")

@@ -1,0 +1,250 @@
+"""Whether a recording can come from its actuator: units off by a power of ten, and what is worth a warning.
+
+Only clear cases are errors. The yardstick of a voltage recording is Maxwell stress on a Hookean stack of
+1 MPa (Pelrine 1998, doi:10.1016/S0924-4247(97)01657-9, with electrode and total area as in CONTRACT 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_dea.campaign.schema import Actuator, Recording, Sensor
+from bayes_dea.campaign.settings import MAX_FIELD
+from bayes_dea.errors import InputError
+
+_EPS0 = 8.8541878128e-12  # F/m
+_TYPICAL_MODULUS = 1e6  # Pa
+#: strokes this far from the yardstick, either way, are a wrong unit (kV for V is 1e6, mm for m is 1e3)
+_STROKE_FACTOR = 200.0
+_LONG_S = 3 * 86400.0
+
+
+def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None = None,
+                    where: Callable[[int], str] = lambda i: f"row {i + 1}", strict: bool = True) -> list[str]:
+    """Warnings about one recording that has passed `check_columns`.
+
+    Raises InputError for a unit off by a power of ten beyond what the actuator can do; with `strict` false
+    that is a warning too (conventions.plausibility = "warn").
+    """
+    problems: list[str] = []
+    warnings: list[str] = []
+    if recording.kind != "capacitance" and "time_s" in recording.columns:
+        _time(recording, problems, warnings, where)
+    if "voltage_V" in recording.columns:
+        _voltage(recording, problems, warnings, where)
+    if "displacement_m" in recording.columns:
+        _displacement(recording, sensors or {}, problems, warnings, where)
+    if "position_m" in recording.columns:
+        _mechanical(recording, problems, warnings)
+    _temperature(recording, problems)
+    _gaps(recording, warnings, where)
+    if problems and strict:
+        raise InputError(problems[0] + ' If it is right as it is, set plausibility = "warn" in '
+                                       '[conventions].')
+    return problems + warnings
+
+
+def _span(values: NDArray[np.float64]) -> float:
+    return float(np.nanmax(values) - np.nanmin(values))
+
+
+def _usual_span(values: NDArray[np.float64]) -> float:
+    """Span of all but the half per cent at either end, so that a few drop-outs do not count."""
+    some = values[:: max(1, values.size // 20_000)]
+    low, high = np.nanpercentile(some, [0.5, 99.5]) if np.isfinite(some).any() else (0.0, 0.0)
+    return float(high - low)
+
+
+def _structured(values: NDArray[np.float64]) -> bool:
+    """Whether a column is more than white noise: its steps are small against its spread."""
+    finite = values[np.isfinite(values)]
+    spread = float(finite.std())
+    if spread == 0.0:
+        return finite[0] != 0.0
+    return float(np.diff(finite).std()) / np.sqrt(2) < 0.5 * spread
+
+
+def _time(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
+    time = r.time_s
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    duration = float(time[-1] - time[0])
+    waves = r.kind in ("sine", "triangle", "rectangle")
+    if waves and median > 50.0:
+        problems.append(f'{r.name}: the median step of time_s is {median:g} s, too long for a {r.kind}. If '
+                        'the times are in ms, map them: columns.time_s = { name = "time_s", unit = "ms" } in '
+                        'its [format].')
+    elif duration > _LONG_S:
+        warnings.append(f"{r.name}: the recording lasts {duration / 86400:.1f} days; check that time_s is in "
+                        "seconds.")
+    limit = r.actuator.max_frequency_Hz
+    if limit is not None and "voltage_V" in r.columns:
+        frequency = _dominant_frequency(r.columns["voltage_V"], duration)
+        if frequency > 20.0 * limit:
+            problems.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, far beyond "
+                            f"max_frequency_Hz = {limit:g}. Are the times off by a power of ten? Correct the "
+                            "unit of time_s in its [format].")
+        elif frequency > 1.2 * limit:
+            warnings.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, above "
+                            f"max_frequency_Hz = {limit:g}.")
+    # a log-spaced creep recording has ever longer steps; a hole is long against its neighbours too
+    beside = np.maximum(np.concatenate(([0.0], steps[:-1])), np.concatenate((steps[1:], [0.0])))
+    holes = np.flatnonzero((steps > 10.0 * median) & (steps > 10.0 * beside))
+    if holes.size:
+        first = int(holes[0])
+        warnings.append(f"{r.name}: time_s has {_times(holes.size, 'hole')} longer than ten steps, the first "
+                        f"({steps[first]:.4g} s) before {where(first + 1)}; nothing is known in between.")
+    elif median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01:
+        low, high = float(steps.min()), float(steps.max())
+        warnings.append(f"{r.name}: time_s is uneven (steps from {low:.4g} to {high:.4g} s, median "
+                        f"{median:.4g} s); the times are used as they stand.")
+
+
+def _dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
+    """Crossings of the middle, with a dead band of half the span so that noise does not count, per second."""
+    finite = voltage[np.isfinite(voltage)]
+    middle, band = 0.5 * (finite.max() + finite.min()), 0.25 * (finite.max() - finite.min())
+    if band == 0.0 or duration <= 0.0:
+        return 0.0
+    state = np.where(finite > middle + band, 1, np.where(finite < middle - band, -1, 0))
+    state = state[state != 0]
+    crossings = int(np.count_nonzero(np.diff(state)))
+    return crossings / 2.0 / duration if crossings >= 6 else 0.0
+
+
+def _voltage(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
+    voltage = np.abs(r.columns["voltage_V"])
+    at = int(np.nanargmax(voltage))
+    largest, limit = float(voltage[at]), r.actuator.max_voltage_V
+    thickness = r.actuator.layer_thickness_m
+    if limit is None and thickness is not None and largest / thickness > MAX_FIELD:
+        problems.append(f"{r.name}, {where(at)}: voltage_V reaches {largest:g} V, a field of "
+                        f"{largest / thickness:.3g} V/m that no elastomer holds. Check the unit of voltage_V "
+                        "and layer_thickness_m.")
+    if limit is None:
+        return
+    if largest > 1.5 * limit:
+        problems.append(f"{r.name}, {where(at)}: voltage_V reaches {largest:g} V, beyond max_voltage_V = "
+                        f"{limit:g}. Is the column in another unit (mV)? Say so in its [format], or correct "
+                        "max_voltage_V in campaign.toml.")
+    elif largest > 1.01 * limit:
+        warnings.append(f"{r.name}, {where(at)}: voltage_V reaches {largest:g} V, a little beyond "
+                        f"max_voltage_V = {limit:g}.")
+    elif 0.0 < largest < 5.0 and limit >= 500.0 and _structured(r.columns["voltage_V"]):
+        problems.append(f"{r.name}: voltage_V reaches only {largest:g} V, while the actuator takes {limit:g} "
+                        "V. If the column is in kV, say so: columns.voltage_V = { name = "
+                        '"voltage_V", unit = "kV" } in its [format].')
+
+
+def _maxwell_stroke(a: Actuator, squared_volts: float) -> float | None:
+    """Stroke in m of a stack of 1 MPa for a change of V^2 in V^2; None without geometry."""
+    if a.layers is None or a.layer_thickness_m is None or a.relative_permittivity is None:
+        return None
+    share = 1.0
+    if a.electrode_area_m2 is not None and a.total_area_m2 is not None:
+        share = a.electrode_area_m2 / a.total_area_m2
+    stress = _EPS0 * a.relative_permittivity * squared_volts / a.layer_thickness_m**2 * share
+    return a.layers * a.layer_thickness_m * stress / _TYPICAL_MODULUS
+
+
+def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[str],
+                  warnings: list[str], where: Callable[[int], str]) -> None:
+    stroke = _span(r.columns["displacement_m"])
+    a = r.actuator
+    remedy = ('If the column is in mm or um, say so: columns.displacement_m = { name = "displacement_m", '
+              'unit = "mm" } in its [format].')
+    usual = _usual_span(r.columns["displacement_m"])
+    if a.stack_height_m is not None and usual <= a.stack_height_m < stroke:
+        far = np.abs(r.columns["displacement_m"] - np.nanmedian(r.columns["displacement_m"]))
+        at = int(np.nanargmax(far))
+        warnings.append(f"{r.name}, {where(at)}: displacement_m is {far[at]:.3g} m away from its median, "
+                        f"more than "
+                        f"the height of the stack ({a.stack_height_m:g} m). If the sensor dropped out "
+                        f"there, write "
+                        "nan.")
+    if a.stack_height_m is not None and usual > a.stack_height_m:
+        problems.append(f"{r.name}: displacement_m spans {stroke:.4g} m, more than the height of the stack "
+                        f"({a.stack_height_m:g} m). {remedy}")
+        return
+    if not r.is_voltage:
+        return
+    square = np.square(r.columns["voltage_V"])
+    # a recording may begin after the step, so the most that can be expected counts from rest
+    most = _maxwell_stroke(a, float(np.nanmax(square)))
+    least = _maxwell_stroke(a, _span(square))
+    if not most or least is None:
+        return
+    sensor = sensors.get("displacement", Sensor())
+    floor = max(sensor.fluctuation or 0.0, sensor.resolution or 0.0)
+
+    def said(expected: float) -> str:
+        return (f"{r.name}: displacement_m spans {stroke:.3g} m where about {expected:.2g} m are expected "
+                "(Maxwell stress, 1 MPa)")
+
+    if usual > max(_STROKE_FACTOR * most, 10.0 * floor):
+        if _structured(r.columns["displacement_m"]):
+            problems.append(f"{said(most)}. {remedy} Or is the voltage in kV, or layer_thickness_m wrong?")
+    elif stroke == 0.0:
+        warnings.append(f"{r.name}: displacement_m never changes; is the sensor connected?")
+    elif stroke * _STROKE_FACTOR < least:
+        if stroke < floor or stroke * _STROKE_FACTOR**2 < least:
+            problems.append(f"{said(least)}. Was a column divided by a unit once too often, or is the "
+                            "voltage in mV? Correct the units in its [format].")
+        else:
+            warnings.append(f"{said(least)}. Check the units of displacement and voltage.")
+
+
+def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:
+    height, area = r.actuator.stack_height_m, r.actuator.total_area_m2
+    position, force = r.columns["position_m"], r.columns["force_N"]
+    travel = _span(position)
+    if height is None:
+        return
+    tension = abs(float(np.nanmin(force))) > abs(float(np.nanmax(force)))
+    unit = 'columns.position_m = { name = "position_m", unit = "mm" } in its [format]'
+    if travel > 20.0 * height:
+        problems.append(f"{r.name}: position_m spans {travel:.4g} m, {travel / height:.3g} times the height "
+                        f"of {height:g} m. If the column is in mm, say so: {unit}.")
+        return
+    if not tension and travel > 1.5 * height:
+        warnings.append(f"{r.name}: position_m spans {travel:.4g} m of compression, more than the height of "
+                        f"{height:g} m. Check its unit; if this is tension, set sign = -1 for position_m and "
+                        "force_N in its [format].")
+    if area is None or travel == 0.0:
+        return
+    modulus = float(np.nanmax(np.abs(force))) / area / (travel / height)
+    if modulus > 3e9 or 0.0 < modulus < 100.0:
+        problems.append(f"{r.name}: force and travel make a stiffness of about {modulus:.2g} Pa, which no "
+                        "elastomer has. Check the units of force_N, position_m, total_area_m2 and "
+                        "stack_height_m.")
+
+
+def _temperature(r: Recording, problems: list[str]) -> None:
+    if "temperature_C" in r.columns:
+        coldest = float(np.nanmin(r.columns["temperature_C"]))
+        hottest = float(np.nanmax(r.columns["temperature_C"]))
+        if coldest > 200.0:
+            problems.append(f'{r.name}: temperature_C is {coldest:g} and more. If it is in kelvin, say so: '
+                            'unit = "K" in its [format].')
+        elif coldest < -273.15 or hottest > 500.0:
+            problems.append(f"{r.name}: temperature_C lies between {coldest:g} and {hottest:g}. Check its "
+                            "unit.")
+
+
+def _gaps(r: Recording, warnings: list[str], where: Callable[[int], str]) -> None:
+    for name, values in r.columns.items():
+        gaps = np.flatnonzero(np.isnan(values))
+        if gaps.size == 0:
+            continue
+        text = (f"{r.name}: {name} has {_times(gaps.size, 'gap')} in {values.size} rows "
+                f"({100.0 * gaps.size / values.size:.2g} %), the first at {where(int(gaps[0]))}")
+        if name in ("voltage_V", "position_m") and name != r.output:
+            text += "; what drove the actuator there is not known. Fill them in if the command is known"
+        warnings.append(text + ".")
+
+
+def _times(count: int, what: str) -> str:
+    return f"{count} {what}" + ("" if count == 1 else "s")

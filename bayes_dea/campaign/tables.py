@@ -1,0 +1,97 @@
+"""One file -> its columns as they stand in it, whatever its type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.vocabulary import did_you_mean
+from bayes_dea.errors import InputError
+
+_SUFFIXES = {".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".he5": "hdf5",
+             ".parquet": "parquet", ".pq": "parquet"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns read from a file, float64, in its own units; nan where a cell is a gap.
+
+    `where(i)` says in the user's terms where element i (from 0) stands ("row 12").
+    """
+
+    columns: tuple[NDArray[np.float64], ...]
+    where: Callable[[int], str]
+    warnings: tuple[str, ...] = ()
+
+
+class Source(Protocol):
+    """A file that was opened: the names of its columns, and a way to read some of them."""
+
+    names: tuple[str, ...]
+
+    def has(self, column: ColumnMap) -> bool:
+        """Whether the column can be read from this file."""
+        ...
+
+    def missing(self, own: str, column: ColumnMap) -> InputError:
+        """The error for a column that is not there; `own` is what we call it."""
+        ...
+
+    def read(self, columns: Sequence[ColumnMap]) -> Table:
+        """The columns, in the order asked for."""
+        ...
+
+
+def file_type(path: Path, fmt: FormatMap) -> str:
+    """One of csv, mat, hdf5, parquet: what the map says, else the file's first bytes, else its ending."""
+    if fmt.type is not None:
+        return fmt.type
+    with path.open("rb") as handle:
+        head = handle.read(128)
+    if head.startswith(b"PAR1"):
+        return "parquet"
+    if head.startswith(b"MATLAB 5.0") or head.startswith(b"MATLAB 7.3"):
+        return "mat"
+    if head.startswith(b"\x89HDF"):
+        return "mat" if path.suffix.lower() == ".mat" else "hdf5"
+    return _SUFFIXES.get(path.suffix.lower(), "csv")
+
+
+def open_source(path: Path, fmt: FormatMap, label: str) -> Source:
+    """Opens a recording's file. `label` is what messages call it.
+
+    Raises InputError for a file that is empty, cut or of another type than it says.
+    """
+    if path.stat().st_size == 0:
+        raise InputError(f"{label}: the file is empty. Record it again, or take it out of campaign.toml.")
+    kind = file_type(path, fmt)
+    if kind == "csv":
+        from bayes_dea.campaign.csv_source import CsvSource
+
+        return CsvSource(path, fmt, label)
+    if kind == "parquet":
+        from bayes_dea.campaign.parquet_source import ParquetSource
+
+        return ParquetSource(path, fmt, label)
+    from bayes_dea.campaign.array_source import open_arrays
+
+    return open_arrays(path, fmt, label, kind)
+
+
+def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str],
+                   hint: str = "") -> InputError:
+    """The error for a column that a file does not have: names the nearest and all that were found."""
+    if column.name is None:
+        return InputError(f"{label}: there is no column {column.index} (for {own}); the file has "
+                          f"{len(names)} columns: {', '.join(names[:30])}. Correct columns.{own}.index.")
+    found = did_you_mean(column.name, names).replace("Known:", "Columns found:")
+    remedy = hint or (f'Rename it in the file, or say what it is called there: [format] columns.{own} = '
+                      '"..." in campaign.toml.')
+    called = f'column "{column.name}"' + (f" (for {own})" if column.name != own else "")
+    return InputError(f"{label}: {called} is missing. {found} {remedy}")

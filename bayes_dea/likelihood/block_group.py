@@ -1,0 +1,275 @@
+"""Recordings whose model is not a sum of lags: block means of the data against block means of the simulation.
+
+The covariance of block means of AR(1) noise is exact (`noise.blocks`). What the blocks average away still says how
+large and how correlated the noise is: at a reference close to the MAP the density of the full residual and that of
+its block means are both known, and their difference is added for any sigma and rho. At the reference the sum is
+the full-record likelihood; around it only what the block means cannot see is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.chain import Material, forces, materials, strains
+from ..models.electrostatics import stroke_factor, voltage_drive
+from ..models.model import Model
+from ..noise.blocks import Blocks, _whiten, block_means, log_blocks
+from ..noise.stated import NoiseTerms
+from .linear_group import nuisance_sd
+from .prepare import Prepared, RateClasses
+
+
+@dataclass(frozen=True)
+class BlockRecord:
+    """One recording in blocks. nb blocks, I intervals of constant (voltage) or linear (mechanical) input."""
+
+    prepared: Prepared
+    blocks: Blocks
+    y: NDArray[np.float64]  # (nb,) block means
+    nuisance: NDArray[np.float64]  # (m, nb)
+    precision: NDArray[np.float64]  # (m,)
+    rate: int
+    h: NDArray[np.float64]  # (I,) s
+    drive: NDArray[np.float64]  # (I,) stress in Pa, or (I + 1,) position in m
+    place: NDArray[np.int64]  # (nb,) interval of each block
+    share: NDArray[np.float64]  # (nb,) weight of the interval's end in the block's mean
+    contact: int = 0
+    within: NDArray[np.float64] | None = None  # sums of the reference residual, see `_within_sums`
+
+    @property
+    def is_voltage(self) -> bool:
+        """Whether a stress drives it (else a position)."""
+        return self.prepared.recording.is_voltage
+
+
+def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int) -> BlockRecord:
+    """Cut one recording into blocks and intervals."""
+    r = prepared.recording
+    t = r.time_s
+    masked = ~prepared.observed & np.isfinite(prepared.y)
+    y = np.where(np.isfinite(prepared.y), prepared.y, np.nan)
+    if r.is_voltage:
+        drive = voltage_drive(r)
+        blocks = log_blocks(t, drive.stress, y=y, mask=masked)
+        h, stress, place, share = _intervals(drive.dt, drive.stress, blocks, r.hold)
+        contact = 0
+        values = stress
+    else:
+        position = r.columns["position_m"]
+        blocks = log_blocks(t, position, y=y, mask=masked)
+        centre = block_means(position, blocks)
+        start = max(0, int(np.argmax(np.isfinite(position))))
+        times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
+        h = np.maximum(np.diff(times), 1e-9)
+        values = np.concatenate([[position[start]], centre])
+        place = np.arange(blocks.n)
+        share = np.ones(blocks.n)
+        force = prepared.y[prepared.observed]
+        contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
+    columns = block_means(prepared.nuisance().T, blocks, masked)
+    return BlockRecord(prepared, blocks, block_means(y, blocks, masked), columns,
+                       1.0 / nuisance_sd(prepared, terms)**2, rate, h, np.ascontiguousarray(values), place, share, contact)
+
+
+def _intervals(dt: NDArray, stress: NDArray, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Intervals of mean stress that cover the recording; rows outside every block become intervals of their own."""
+    n = dt.size
+    if hold == "start":
+        dt = np.concatenate([dt[1:], dt[-1:]])
+    dt = np.maximum(dt, 1e-6 * np.median(dt[1:]))
+    # a new interval begins where a block begins or ends
+    cut = np.unique(np.concatenate([[0], blocks.start, blocks.stop]))
+    cut = cut[cut < n]
+    # rows between blocks are kept one by one: their input may do anything
+    inside = np.zeros(n + 1, dtype=np.int64)
+    np.add.at(inside, blocks.start, 1)
+    np.add.at(inside, blocks.stop, -1)
+    outside = np.flatnonzero(np.cumsum(inside[:-1]) == 0)
+    cut = np.union1d(cut, outside)
+    h = np.add.reduceat(dt, cut)
+    mean = np.add.reduceat(dt * stress, cut) / h
+    m = blocks.stop - blocks.start
+    extra = {"end": 1.0, "start": -1.0, "linear": 0.0}[hold]
+    return h, mean, np.searchsorted(cut, blocks.start), (m + extra) / (2.0 * m)
+
+
+@nb.njit(cache=True)
+def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
+    """Per draw b: x'Px, x'Py, y'Py, log det of the covariance, with P the precision after the nuisance columns."""
+    B, n = X.shape
+    m = nuisance.shape[0]
+    columns = np.empty((2 + m, n))
+    W = np.empty((2 + m, n))
+    M = np.empty((m, m))
+    v = np.empty((m, 2))
+    for b in range(B):
+        columns[0] = X[b]
+        columns[1] = y
+        columns[2:] = nuisance
+        good = sigma[b] > 0 and abs(rho[b]) < 1
+        for i in range(n):
+            if not math.isfinite(X[b, i]):
+                good = False
+                break
+        if not good:
+            out[b, :] = np.nan
+            continue
+        logdet = _whiten(columns, counts, gaps, sigma[b], rho[b], white, W)
+        xx = np.dot(W[0], W[0])
+        xy = np.dot(W[0], W[1])
+        yy = np.dot(W[1], W[1])
+        for i in range(m):
+            for j in range(i + 1):
+                M[i, j] = np.dot(W[2 + i], W[2 + j])
+            M[i, i] += precision[i]
+            v[i, 0] = np.dot(W[2 + i], W[0])
+            v[i, 1] = np.dot(W[2 + i], W[1])
+        for i in range(m):
+            for j in range(i + 1):
+                acc = M[i, j]
+                for k in range(j):
+                    acc -= M[i, k] * M[j, k]
+                M[i, j] = math.sqrt(acc) if i == j else acc / M[j, j]
+            for c in range(2):
+                acc = v[i, c]
+                for k in range(i):
+                    acc -= M[i, k] * v[k, c]
+                v[i, c] = acc / M[i, i]
+            xx -= v[i, 0] * v[i, 0]
+            xy -= v[i, 0] * v[i, 1]
+            yy -= v[i, 1] * v[i, 1]
+            logdet += 2 * math.log(M[i, i]) - math.log(precision[i])
+        out[b, 0] = xx
+        out[b, 1] = xy
+        out[b, 2] = yy
+        out[b, 3] = logdet + n * math.log(2 * math.pi)
+
+
+@nb.njit(cache=True)
+def _within_terms(sums, residual_means, counts, gaps, sigma, rho, white, out):
+    """Log density of the full reference residual minus that of its block means, per draw."""
+    n = counts.size
+    column = np.empty((1, n))
+    W = np.empty((1, n))
+    column[0] = residual_means
+    for b in range(sigma.size):
+        s2 = sigma[b] * sigma[b] + white
+        total = sums[0] / s2 + sums[5] * math.log(2 * math.pi * s2)
+        v = s2 * (1 - rho[b] * rho[b])
+        total += (sums[1] + rho[b] * rho[b] * sums[2] - 2 * rho[b] * sums[3]) / v
+        total += sums[4] * math.log(2 * math.pi * v)
+        logdet = _whiten(column, counts, gaps, sigma[b], rho[b], white, W)
+        out[b] = -0.5 * (total - logdet - n * math.log(2 * math.pi) - np.dot(W[0], W[0]))
+
+
+def _within_sums(residual: NDArray, observed: NDArray) -> NDArray[np.float64]:
+    """Sums of a residual: chain starts, later and earlier squares of neighbours, their products, pairs, chains."""
+    index = np.flatnonzero(observed)
+    r = residual[index]
+    neighbour = np.diff(index) == 1
+    later, earlier = r[1:][neighbour], r[:-1][neighbour]
+    heads = np.concatenate([r[:1], r[1:][~neighbour]])
+    return np.array([heads @ heads, later @ later, earlier @ earlier, later @ earlier, later.size, heads.size])
+
+
+@dataclass(frozen=True)
+class BlockGroup:
+    """Recordings of one channel and specimen that share sigma, the rhos and one gain."""
+
+    channel: str
+    specimen: str
+    records: tuple[BlockRecord, ...]
+    gain_sd: float
+    quantisation_variance: float
+
+    @property
+    def fitted(self) -> tuple[Prepared, ...]:
+        """Recordings to identify."""
+        return tuple(r.prepared for r in self.records if r.prepared.recording.role == "identify")
+
+    @property
+    def others(self) -> tuple[Prepared, ...]:
+        """Recordings that are only predicted."""
+        return tuple(r.prepared for r in self.records if r.prepared.recording.role != "identify")
+
+    def record(self, name: str) -> BlockRecord:
+        """One of the records by its recording's name."""
+        return next(r for r in self.records if r.prepared.name == name)
+
+    def simulate(self, record: BlockRecord, material: Material, zero: NDArray | None) -> NDArray[np.float64]:
+        """Block means of the model (B, nb) in the unit of the output, before gain and offset."""
+        actuator = record.prepared.recording.actuator
+        if record.is_voltage:
+            jump, end = strains(material, record.h, record.drive)
+            first, last = jump[:, record.place], end[:, record.place]
+            return (first + (last - first) * record.share) * stroke_factor(actuator)
+        assert zero is not None
+        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, 1:]
+
+    def evaluate(self, model: Model, z: NDArray, zeros: Mapping[str, NDArray], sigma: NDArray, rho: NDArray,
+                 names: Sequence[str] | None = None, gain_sd: float | None = None) -> NDArray[np.float64]:
+        """(B, 4): log likelihood, mean and variance of the gain, x'S^-1 x; by default of the fitted recordings."""
+        names = [p.name for p in self.fitted] if names is None else names
+        gain_sd = self.gain_sd if gain_sd is None else gain_sd
+        material = materials(model, z)
+        B = len(z)
+        sums = np.zeros((B, 4))
+        extra = np.zeros(B)
+        sigma = np.ascontiguousarray(sigma)
+        for name in names:
+            record = self.record(name)
+            X = self.simulate(record, material, zeros.get(name))
+            out = np.empty((B, 4))
+            r = np.ascontiguousarray(rho[:, record.rate])
+            _project(X, record.y, record.nuisance, record.precision, record.blocks.count, record.blocks.gap, sigma, r,
+                     self.quantisation_variance, out)
+            sums += out
+            if record.within is not None:
+                within = np.empty(B)
+                _within_terms(record.within[:6], record.within[6:], record.blocks.count, record.blocks.gap, sigma, r,
+                              self.quantisation_variance, within)
+                extra += within
+        xx, xy, yy, logdet = sums.T
+        dd, xd = yy - 2 * xy + xx, xy - xx
+        result = np.zeros((B, 4))
+        if gain_sd > 0:
+            variance = 1.0 / (xx + 1.0 / gain_sd**2)
+            dd = dd - xd**2 * variance
+            logdet = logdet + np.log1p(gain_sd**2 * xx)
+            result[:, 1], result[:, 2] = xd * variance, variance
+        result[:, 0] = -0.5 * (dd + logdet) + extra
+        result[:, 3] = xx
+        return result
+
+    def with_reference(self, residuals: Mapping[str, NDArray]) -> BlockGroup:
+        """The same group with the within-block terms of full-rate residuals (n,) by recording name."""
+        records = []
+        for record in self.records:
+            residual = residuals.get(record.prepared.name)
+            if residual is None:
+                records.append(record)
+                continue
+            observed = record.prepared.observed
+            masked = ~observed & np.isfinite(record.prepared.y)
+            means = block_means(np.where(np.isfinite(residual), residual, 0.0), record.blocks, masked)
+            sums = _within_sums(np.nan_to_num(residual), observed)
+            records.append(replace(record, within=np.concatenate([sums, means])))
+        return replace(self, records=tuple(records))
+
+
+def build_block_groups(prepared: Sequence[Prepared], terms: Mapping[str, NoiseTerms], rates: RateClasses,
+                       channel: str) -> list[BlockGroup]:
+    """One group per specimen."""
+    groups = []
+    for specimen in sorted({p.recording.specimen for p in prepared}):
+        members = [p for p in prepared if p.recording.specimen == specimen]
+        records = tuple(make_block_record(p, terms[p.name], rates.of(p)) for p in members)
+        groups.append(BlockGroup(channel, specimen, records, max(terms[p.name].gain_sd for p in members),
+                                 terms[members[0].name].quantisation_variance))
+    return groups

@@ -1,0 +1,134 @@
+"""Voltage recordings of one specimen under a linear model: full-record likelihood by Gram sums."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ..errors import InputError
+from ..models.electrostatics import stroke_factor, voltage_drive
+from ..models.lags import Drive
+from ..models.model import Model
+from ..noise.stated import NoiseTerms
+from .basis import LagBasis, build_basis, coefficients
+from .gram import GramGroup, LinearRecord, RecordGram, collect, log_likelihood, precision_matrix, sum_group
+from .prepare import Prepared, RateClasses
+
+#: prior sd of a mains line's cosine and sine, as a multiple of the amplitude that was found
+_MAINS_WIDTH = 3.0
+
+
+def stroke_drive(prepared: Prepared) -> Drive:
+    """Drive in m Pa: its response, times compliances in 1/Pa, is the displacement in m."""
+    drive = voltage_drive(prepared.recording)
+    factor = stroke_factor(prepared.recording.actuator)
+    return replace(drive, stress=drive.stress * factor, middle=drive.middle * factor)
+
+
+def nuisance_sd(prepared: Prepared, terms: NoiseTerms) -> NDArray[np.float64]:
+    """Prior sds of what the recording adds linearly, in the order of `Prepared.nuisance`."""
+    sd = [terms.offset_sd]
+    for line in prepared.mains.lines if prepared.mains is not None else ():
+        sd += [_MAINS_WIDTH * line.amplitude] * 2
+    return np.array(sd)
+
+
+@dataclass(frozen=True)
+class LinearGroup:
+    """Recordings of one specimen that share sigma, rho and one gain; `fitted` those to identify, `others` the rest."""
+
+    channel: str
+    specimen: str
+    fitted: tuple[Prepared, ...]
+    others: tuple[Prepared, ...]
+    basis: LagBasis
+    grams: dict[str, RecordGram]
+    gain_sd: float
+    quantisation_variance: float
+
+    @cached_property
+    def gram_fitted(self) -> GramGroup:
+        """Sum over the recordings to identify."""
+        return self.subset([p.name for p in self.fitted])
+
+    def subset(self, names: Sequence[str], gain_sd: float | None = None) -> GramGroup:
+        """Sum over some recordings."""
+        return sum_group([self.grams[n] for n in names], self.gain_sd if gain_sd is None else gain_sd)
+
+    def vectors(self, model: Model, z: NDArray) -> NDArray[np.float64]:
+        """Response vectors (B, K + 1) of coordinates (B, d); NaN where a draw means nothing."""
+        return self.vectors_of(*model.modes(z))
+
+    def vectors_of(self, D: NDArray, c: NDArray, T: NDArray) -> NDArray[np.float64]:
+        """Response vectors (B, K + 1) of modes."""
+        out = np.empty((len(D), self.basis.size + 1))
+        coefficients(np.ascontiguousarray(D), np.ascontiguousarray(c), np.ascontiguousarray(T), self.basis.table,
+                     self.basis.log_low, self.basis.step, self.basis.reference_s, out)
+        return out
+
+    def total_sd(self, sigma: NDArray) -> NDArray:
+        """Standard deviation of a sample with quantisation."""
+        return np.sqrt(sigma**2 + self.quantisation_variance)
+
+    def evaluate(self, gram: GramGroup, vectors: NDArray, sigma: NDArray, rho: NDArray) -> NDArray[np.float64]:
+        """(B, 4): log likelihood, mean and variance of the gain, x'S^-1 x."""
+        return log_likelihood(gram, vectors, self.total_sd(sigma), rho)
+
+    def projected(self, sigma: float, rho: NDArray) -> NDArray[np.float64]:
+        """(q, q) precision form for the linear projection in the swarm."""
+        return precision_matrix(self.gram_fitted, float(self.total_sd(np.array([sigma]))[0]), rho)
+
+
+def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerms], rates: RateClasses,
+                        workers: int = 1) -> list[LinearGroup]:
+    """One group per specimen from voltage recordings; `terms` by recording name, `rates` by sampling step."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    if not prepared:
+        return []
+    drives = {p.name: stroke_drive(p) for p in prepared}
+    basis = build_basis(list(drives.values()))
+
+    def chain(members: list[Prepared]) -> list[tuple[str, RecordGram]]:
+        """Recordings that follow each other without rest share their memory, so they are collected in order."""
+        out: list[tuple[str, RecordGram]] = []
+        state = None
+        for p in members:
+            if p.recording.rested:
+                state = None
+            elif state is not None:
+                state = state * np.exp(-(p.recording.rest_before_s or 0.0) / basis.time_constants)
+            record = LinearRecord(drives[p.name], np.nan_to_num(p.y), p.observed, p.nuisance(),
+                                  nuisance_sd(p, terms[p.name]), state)
+            rate = rates.of(p)
+            gram = collect(record, basis, rates.steps_s[rate], rate)
+            state = gram.end_state
+            out.append((p.name, gram))
+        return out
+
+    chains: list[list[Prepared]] = []
+    specimens = sorted({p.recording.specimen for p in prepared})
+    for specimen in specimens:
+        for p in (q for q in prepared if q.recording.specimen == specimen):
+            if p.recording.rested:
+                chains.append([p])
+            elif chains and chains[-1][-1].recording.specimen == specimen:
+                chains[-1].append(p)
+            else:
+                raise InputError(f"{p.name}: rested = false, but no voltage recording of specimen {specimen} comes before it")
+    with threadpool_limits(1), ThreadPoolExecutor(max(1, workers)) as pool:
+        grams = {name: gram for part in pool.map(chain, chains) for name, gram in part}
+    groups = []
+    for specimen in specimens:
+        members = [p for p in prepared if p.recording.specimen == specimen]
+        fitted = tuple(p for p in members if p.recording.role == "identify")
+        others = tuple(p for p in members if p.recording.role != "identify")
+        reference = terms[(fitted or others)[0].name]
+        groups.append(LinearGroup("displacement", specimen, fitted, others, basis, grams,
+                                  max(terms[p.name].gain_sd for p in members), reference.quantisation_variance))
+    return groups

@@ -1,0 +1,341 @@
+"""A model: structure, priors, and the coordinates in which its posterior is explored.
+
+Physical parameters carry the priors and are reported. Inference runs in log compliances of the equivalent modes
+(`networks`), the slowest mode by its rate c_1/T_1: there a mode slower than the record is one nearly free direction
+instead of a curved ridge. Both sets of logarithms differ by a Jacobian of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..priors import Parameter, Prior, PriorSet, apply_overrides, prior_folder, read_prior_file
+from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
+from .spec import Spec, parse_spec
+
+#: the law's parameter that carries its small-strain modulus, and the modulus per unit of it
+PRIMARY = {"hooke": ("Y_Pa", 1.0), "neohooke": ("C1_Pa", 6.0), "yeoh": ("C1_Pa", 6.0), "mooney": ("C1_Pa", 6.0),
+           "gent": ("mu_Pa", 3.0), "ogden": ("mu1_Pa", 1.5)}
+#: sample time that the discrete state space is stated for (s), as in the reference paper's Table SVIII
+STATE_SPACE_STEP_S = 0.01
+
+
+@dataclass(frozen=True)
+class Model:
+    """A chain of stages for one SPEC with its parameters. Build it with `build_model`."""
+
+    spec: Spec
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def name(self) -> str:
+        """Canonical SPEC."""
+        return self.spec.name
+
+    @cached_property
+    def priors(self) -> PriorSet:
+        """Joint prior of the physical parameters."""
+        return PriorSet(self.parameters)
+
+    @property
+    def dimension(self) -> int:
+        """Number of free parameters."""
+        return self.priors.dimension
+
+    @property
+    def is_black_box(self) -> bool:
+        """pz3 and ss3: no force, voltage recordings only."""
+        return self.spec.law is None
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether displacement is a sum of lags of V^2 (Gram likelihood applies)."""
+        return (self.spec.law in (None, "hooke")) and not self.spec.effects
+
+    @cached_property
+    def _mode_coordinates(self) -> bool:
+        """Mode coordinates need every parameter of the network free and log-distributed."""
+        if self.spec.network not in ("gm", "gkm", "gkv"):
+            return False
+        names = self._network_names
+        free = {p.name for p in self.priors.free if p.prior.is_log}
+        return all(n in free for n in names)
+
+    @property
+    def _network_names(self) -> list[str]:
+        n = self.spec.elements
+        assert self.spec.law is not None
+        names = [PRIMARY[self.spec.law][0], *(f"k_{i}_Pa" for i in range(1, n + 1)),
+                 *(f"tau_{i}_s" for i in range(1, n + 1))]
+        return [*names, "d0_Pa_s"] if self.spec.network == "gkm" else names
+
+    @cached_property
+    def _network_index(self) -> NDArray[np.int64]:
+        return np.array([self.priors.names.index(n) for n in self._network_names])
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Names of the inference coordinates (d,)."""
+        names = [f"log {p.name}" if p.prior.is_log else p.name for p in self.priors.free]
+        if self._mode_coordinates:
+            n = self.spec.elements
+            if self.spec.network == "gkm":
+                new = ["log c_1/T_1", *(f"log c_{i}" for i in range(2, n + 2)), *(f"log T_{i}" for i in range(1, n + 2))]
+            else:
+                new = ["log D", "log c_1/T_1", *(f"log c_{i}" for i in range(2, n + 1)),
+                       *(f"log T_{i}" for i in range(1, n + 1))]
+            for i, name in zip(self._network_index, new, strict=True):
+                names[i] = name
+        elif self._process_coordinates:
+            names[self.priors.names.index("Tz_s")] = "log Kp Tz/Tp_1"
+        return tuple(names)
+
+    @cached_property
+    def _process_coordinates(self) -> bool:
+        free = {p.name for p in self.priors.free if p.prior.is_log}
+        return self.is_black_box and {"Kp", "Tz_s", "Tp_1_s"} <= free
+
+    # ------------------------------------------------------------ coordinates <-> prior coordinates
+    def to_prior_coordinates(self, z: NDArray) -> NDArray:
+        """Inference coordinates (B, d) to prior coordinates (logs of physical parameters) (B, d)."""
+        z = np.atleast_2d(z)
+        if self._mode_coordinates:
+            out = z.copy()
+            v = z[:, self._network_index]
+            n = self.spec.elements
+            network = self.spec.network
+            factor = PRIMARY[self.spec.law or "hooke"][1]
+            # unordered or absurd modes have no counterpart: the caller sees -inf through the NaN
+            if network == "gkm":
+                log_c, log_T = v[:, :n + 1].copy(), v[:, n + 1:]
+                log_c[:, 0] += log_T[:, 0]
+                D = np.zeros(len(v))
+            else:
+                log_c, log_T = v[:, 1:n + 1].copy(), v[:, n + 1:]
+                log_c[:, 0] += log_T[:, 0]
+                D = np.exp(np.clip(v[:, 0], -200, 200))
+            good = np.all(log_T[:, 1:] < log_T[:, :-1] - 1e-9, axis=1) & np.all(np.isfinite(v), axis=1)
+            good &= np.all(np.abs(v) < 200, axis=1)
+            result = np.full_like(v, np.nan)
+            if network == "gkv":
+                result[:, 0] = -v[:, 0] - np.log(factor)
+                result[:, 1:n + 1] = -log_c
+                result[:, n + 1:] = log_T
+                result[~good] = np.nan
+            elif good.any():
+                Y, k, tau, d0 = modes_to_maxwell(np.ascontiguousarray(D[good]), np.exp(log_c[good]), np.exp(log_T[good]))
+                parts = [np.log(Y / factor)[:, None], np.log(k), np.log(tau)]
+                if network == "gkm":
+                    parts.append(np.log(d0)[:, None])
+                result[good] = np.concatenate(parts, axis=1)
+            out[:, self._network_index] = result
+            return out
+        if self._process_coordinates:
+            names = self.priors.names
+            out = z.copy()
+            out[:, names.index("Tz_s")] += z[:, names.index("Tp_1_s")] - z[:, names.index("Kp")]
+            return out
+        return z
+
+    def from_prior_coordinates(self, x: NDArray) -> NDArray:
+        """The inverse of `to_prior_coordinates`."""
+        x = np.atleast_2d(x)
+        if self._mode_coordinates:
+            out = x.copy()
+            v = x[:, self._network_index]
+            n = self.spec.elements
+            factor = PRIMARY[self.spec.law or "hooke"][1]
+            if self.spec.network == "gkv":
+                log_D, log_c, log_T = -v[:, 0] - np.log(factor), -v[:, 1:n + 1], v[:, n + 1:]
+            else:
+                d0 = np.exp(v[:, -1]) if self.spec.network == "gkm" else np.zeros(len(v))
+                D, c, T = maxwell_to_modes(np.exp(v[:, 0]) * factor, np.exp(v[:, 1:n + 1]),
+                                           np.exp(v[:, n + 1:2 * n + 1]), d0)
+                with np.errstate(divide="ignore"):
+                    log_D, log_c, log_T = np.log(D), np.log(c), np.log(T)
+            log_c = log_c.copy()
+            log_c[:, 0] -= log_T[:, 0]
+            parts = [log_c, log_T] if self.spec.network == "gkm" else [log_D[:, None], log_c, log_T]
+            out[:, self._network_index] = np.concatenate(parts, axis=1)
+            return out
+        if self._process_coordinates:
+            names = self.priors.names
+            out = x.copy()
+            out[:, names.index("Tz_s")] += x[:, names.index("Kp")] - x[:, names.index("Tp_1_s")]
+            return out
+        return x
+
+    def log_prior(self, z: NDArray) -> NDArray:
+        """Log prior density per unit of the inference coordinates, (B, d) -> (B,)."""
+        x = self.to_prior_coordinates(z)
+        bad = ~np.all(np.isfinite(x), axis=1)
+        if bad.any():
+            x = np.where(bad[:, None], 0.0, x)
+        value = self.priors.logpdf(x)
+        value[bad] = -np.inf
+        return value
+
+    def prior_draws(self, n: int, rng: np.random.Generator) -> NDArray:
+        """Prior draws in inference coordinates (n, d)."""
+        return self.from_prior_coordinates(self.priors.draw(n, rng))
+
+    def physical(self, z: NDArray) -> dict[str, NDArray]:
+        """Inference coordinates (B, d) to named physical values (B,), fixed ones included."""
+        return self.priors.to_physical(self.to_prior_coordinates(z))
+
+    # ------------------------------------------------------------ what the parameters mean
+    def modes(self, z: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Modes D (B,) 1/Pa, c (B, m) 1/Pa, T (B, m) s of a linear model. NaN where a draw has no counterpart."""
+        z = np.atleast_2d(z)
+        n = self.spec.elements
+        network = self.spec.network
+        if self._mode_coordinates and self.spec.law == "hooke":
+            v = z[:, self._network_index]
+            with np.errstate(over="ignore"):
+                if network == "gkm":
+                    c, T = np.exp(v[:, :n + 1]), np.exp(v[:, n + 1:])
+                    D = np.zeros(len(z))
+                else:
+                    D, c, T = np.exp(v[:, 0]), np.exp(v[:, 1:n + 1]), np.exp(v[:, n + 1:])
+            c[:, 0] *= T[:, 0]
+            return D, c, T
+        return self.modes_of(self.physical(z))
+
+    def modes_of(self, values: Mapping[str, NDArray]) -> tuple[NDArray, NDArray, NDArray]:
+        """Modes of named physical values, each (B,)."""
+        if not self.is_linear:
+            raise InputError(f"{self.name} is not a linear network; it has no modes")
+        if self.is_black_box:
+            Tp = np.stack([values[f"Tp_{i}_s"] for i in (1, 2, 3)], axis=1)
+            c, T = process_to_modes(np.ascontiguousarray(values["Kp"] / values["Y_Pa"]),
+                                    np.ascontiguousarray(values["Tz_s"]), Tp)
+            return np.zeros(len(T)), c, T
+        n = self.spec.elements
+        Y = np.ascontiguousarray(values["Y_Pa"])
+        if self.spec.network == "none":
+            return 1.0 / Y, np.zeros((Y.size, 0)), np.ones((Y.size, 0))
+        k = np.stack([values[f"k_{i}_Pa"] for i in range(1, n + 1)], axis=1)
+        tau = np.stack([values[f"tau_{i}_s"] for i in range(1, n + 1)], axis=1)
+        if self.spec.network == "gkv":
+            return 1.0 / Y, 1.0 / k, tau
+        d0 = values["d0_Pa_s"] if self.spec.network == "gkm" else np.zeros(Y.size)
+        return maxwell_to_modes(Y, k, tau, np.ascontiguousarray(d0))
+
+    def reported(self, z: NDArray) -> dict[str, NDArray]:
+        """What calibration.json reports: physical parameters, for ss3 the entries of its discrete state space."""
+        values = self.physical(z)
+        if self.spec.network == "ss3":
+            return discrete_state_space(values)
+        return {name: values[name] for name in self.priors.names}
+
+    def units(self) -> dict[str, str]:
+        """Unit of every reported quantity."""
+        if self.spec.network == "ss3":
+            return {name: "1" for name in ("A11", "A22", "A33", "A12", "A13", "A23", "B1", "B2", "B3", "C1", "C2")}
+        return {p.name: p.unit for p in self.priors.free}
+
+    # ------------------------------------------------------------ separation for the swarm
+    @property
+    def separable(self) -> bool:
+        """Whether the swarm can project the linear part out (mode coordinates of a linear law, or a process model)."""
+        return self.is_linear and (self._mode_coordinates or self._process_coordinates) and not any(
+            p.fixed and p.name != "Y_Pa" for p in self.parameters)
+
+    def nonlinear_index(self) -> NDArray[np.int64]:
+        """Positions of the log time constants among the coordinates; the rest are logs of linear coefficients."""
+        names = self.coordinate_names
+        return np.array([i for i, n in enumerate(names) if n.startswith(("log T_", "log Tp_", "log tau_"))], dtype=np.int64)
+
+    def design(self, z: NDArray) -> NDArray:
+        """(B, 1 + m, p): the linear map from exp(linear coordinates) to (D, c_1..c_m), given the time constants in z."""
+        z = np.atleast_2d(z)
+        log_T = z[:, self.nonlinear_index()]
+        T = np.exp(log_T)
+        B, m = T.shape
+        if self.is_black_box:
+            names = self.priors.names
+            columns = [i for i in range(self.dimension) if i not in set(self.nonlinear_index())]
+            out = np.zeros((B, 1 + m, 2))
+            Y = self.priors.fixed["Y_Pa"]
+            unit = np.ones(B)
+            c_gain, _ = process_to_modes(unit / Y, 0.0 * unit, T)
+            # Kp (1 - Tz/T_j): the second coordinate is Kp Tz/Tp_1
+            c_zero, _ = process_to_modes(unit / Y, unit, T)
+            slope = (c_zero - c_gain) * T[:, :1]
+            for position, i in enumerate(columns):
+                out[:, 1:, position] = c_gain if names[i] == "Kp" else slope
+            return out
+        p = m if self.spec.network == "gkm" else m + 1
+        out = np.zeros((B, 1 + m, p))
+        shift = 1 if self.spec.network != "gkm" else 0
+        if shift:
+            out[:, 0, 0] = 1.0
+        for j in range(m):
+            out[:, 1 + j, shift + j] = T[:, 0] if j == 0 else 1.0
+        return out
+
+
+def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPACE_STEP_S) -> dict[str, NDArray]:
+    """Third-order discrete state space of PZ3 under a held input, in the reference paper's balanced cascade form.
+
+    Upper-triangular A (3, 3), B (3,), C = (C1, C2, 0), for `step` in s; input and output in strain of the static
+    Hooke law. The continuous cascade has ones above the diagonal and an input gain of 64 1/s^3 (missing physics
+    catalogue, section 2, item 23: reproduces the entries printed in Table SVIII).
+    """
+    p = [1.0 / values[f"Tp_{i}_s"] for i in (1, 2, 3)]
+    gain = 64.0
+    a = [np.exp(-step * q) for q in p]
+    A12 = (a[0] - a[1]) / (p[1] - p[0])
+    A23 = (a[1] - a[2]) / (p[2] - p[1])
+    A13 = (a[0] / ((p[1] - p[0]) * (p[2] - p[0])) + a[1] / ((p[0] - p[1]) * (p[2] - p[1]))
+           + a[2] / ((p[0] - p[2]) * (p[1] - p[2])))
+    B3 = gain * (1 - a[2]) / p[2]
+    B2 = gain / (p[2] - p[1]) * ((1 - a[1]) / p[1] - (1 - a[2]) / p[2])
+    B1 = gain * sum((1 - a[i]) / p[i] / np.prod([p[j] - p[i] for j in range(3) if j != i], axis=0) for i in range(3))
+    scale = values["Kp"] * p[0] * p[1] * p[2] / gain
+    C2 = scale * values["Tz_s"]
+    C1 = scale - C2 * p[0]
+    return {"A11": a[0], "A22": a[1], "A33": a[2], "A12": A12, "A13": A13, "A23": A23,
+            "B1": B1, "B2": B2, "B3": B3, "C1": C1, "C2": C2}
+
+
+def _with_name(p: Parameter, name: str, prior: Prior | None = None, label: str | None = None,
+               ordered: str | None = None) -> Parameter:
+    return Parameter(name, p.unit, prior or p.prior, label or p.label, p.source, ordered)
+
+
+def default_parameters(spec: Spec) -> tuple[Parameter, ...]:
+    """Parameters of a structure with the priors of the files under priors/."""
+    folder = prior_folder()
+    out: list[Parameter] = []
+    if spec.law is not None:
+        out += list(read_prior_file(folder / f"{spec.law}.toml").values())
+    if spec.network in ("gm", "gkv", "gkm"):
+        table = read_prior_file(folder / f"{spec.network}{spec.elements}.toml")
+        modulus = PRIMARY[spec.law or "hooke"]
+        for p in table.values():
+            prior = p.prior
+            if prior.relative_to == "Y_Pa" and spec.law != "hooke":
+                # the file states shares of the modulus; other laws carry it in another parameter
+                prior = Prior(prior.family, prior.a * modulus[1], prior.b, modulus[0])
+            out.append(_with_name(p, p.name, prior, ordered=p.ordered))
+    elif spec.network in ("pz3", "ss3"):
+        out += list(read_prior_file(folder / "pz3.toml").values())
+    return tuple(out)
+
+
+def build_model(text: str, overrides: Mapping[str, Parameter | Prior] | None = None) -> Model:
+    """Model for a SPEC, e.g. ``hooke+gm3``, with priors from the files and the user's overrides.
+
+    Raises InputError for an unknown part, an unknown parameter in `overrides`, or a prior that cannot be.
+    """
+    spec = parse_spec(text)
+    model = Model(spec, apply_overrides(default_parameters(spec), overrides or {}))
+    _ = model.priors  # a prior that cannot be is said here
+    return model

@@ -1,0 +1,333 @@
+"""Mains pick-up: lines at 50 or 60 Hz and their harmonics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: how far the grid and the clock of the recording may be off, relative
+_TOLERANCE = 0.01
+_SEGMENTS_S = (16.0, 128.0)
+_HIGHEST_HARMONIC = 8
+
+
+@dataclass(frozen=True)
+class MainsLine:
+    """One line: amplitude cos(2 pi frequency_Hz t + phase_rad), t as in `time_s` of the recording."""
+
+    harmonic: int
+    frequency_Hz: float
+    amplitude: float
+    amplitude_se: float
+    phase_rad: float
+    false_alarm: float  # probability of a line this strong without mains, all trials counted
+
+
+@dataclass(frozen=True)
+class Mains:
+    """Lines found in one recording, in the unit of its output."""
+
+    base_Hz: float  # 50 or 60
+    frequency_Hz: float  # refined fundamental
+    lines: tuple[MainsLine, ...]
+    coherent: bool  # whether one frequency describes the whole recording
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude of the strongest line."""
+        return max(line.amplitude for line in self.lines)
+
+    @property
+    def false_alarm(self) -> float:
+        """Smallest false-alarm probability of the lines."""
+        return min(line.false_alarm for line in self.lines)
+
+    def signal(self, time_s: ArrayLike) -> Array:
+        """Sum of the lines at the given times."""
+        t = np.asarray(time_s, dtype=float)
+        total = np.zeros(t.shape)
+        for line in self.lines:
+            total += line.amplitude * np.cos(2 * np.pi * line.frequency_Hz * t + line.phase_rad)
+        return total
+
+
+def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, false_alarm: float = 1e-4,
+               mask: ArrayLike | None = None) -> Mains | None:
+    """Mains lines in a recording or in its residuals; None where none is significant.
+
+    The power of differences of y (steps become single points, cut at six robust sds) is averaged over Hann
+    segments (Welch) of 16 s, and again of 128 s: short ones find a line that wanders, long ones a weak one.
+    Power in a line's band (+-1 %) is held against the median of its surroundings, which is what a coloured
+    spectrum has there; the false-alarm probability is that of an F ratio, times the number of bins, bands
+    and lengths tried. The strongest line gives the frequency, by demodulation of the whole record.
+
+    A line counts as the drive's where u or u^2, times the gain that y shows at their strongest lines,
+    explains a tenth of it; where the drive is periodic and the line one of its multiples, it must also
+    stand four times above the neighbouring multiples. A model's residuals as y show more than raw data do.
+
+    Parameters
+    ----------
+    y : output or residual, shape (n,); nan cells are bridged.
+    time_s : shape (n,), rising. Uneven steps are interpolated.
+    u : drive, shape (n,).
+    false_alarm : largest probability at which a line is believed.
+    mask : True where y is not to be used (drop-outs).
+    """
+    t, x = _even(np.asarray(time_s, dtype=float), np.asarray(y, dtype=float), mask)
+    if t.size < 64:
+        return None
+    step = (t[-1] - t[0]) / (t.size - 1)
+    if 0.5 / step < 50 * (1 + _TOLERANCE) or t[-1] - t[0] < 0.5:
+        return None  # fewer than 25 periods, or a band that cannot be seen
+    d = _cut_peaks(np.diff(x))
+    seconds = d.size * step
+    lengths = [length for length in _SEGMENTS_S if seconds > 1.5 * length] or [seconds]
+    trials = len(lengths) * sum(_harmonics(base, step) for base in (50.0, 60.0))
+    best: _Hits | None = None
+    for length in lengths:
+        spectrum = _welch(d, step, length)
+        found = {base: _lines(base, spectrum, trials, false_alarm, step) for base in (50.0, 60.0)}
+        if u is not None and any(found.values()):
+            drive = _drive(u, np.asarray(time_s, dtype=float), t, spectrum, step, length)
+            found = {base: [line for line in lines if not _of_drive(spectrum, line[1], drive)]
+                     for base, lines in found.items()}
+        for base, lines in found.items():
+            hits = _Hits(base, spectrum, tuple(lines))
+            if hits.lines and (best is None or hits.score > best.score):
+                best = hits
+    return None if best is None else _refine(best, d, t, step)
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    f: Array
+    p: Array
+    dof: float
+
+
+@dataclass(frozen=True)
+class _Hits:
+    base: float
+    spectrum: _Spectrum
+    lines: tuple[tuple[int, int, float], ...]  # harmonic, bin, false-alarm probability
+
+    @property
+    def score(self) -> float:
+        return sum(-math.log10(max(p, 1e-300)) for _, _, p in self.lines)
+
+
+def _lines(base: float, spectrum: _Spectrum, trials: int, false_alarm: float,
+           step: float) -> list[tuple[int, int, float]]:
+    hits = []
+    for h in range(1, _harmonics(base, step) + 1):
+        hit = _band(spectrum, h * base)
+        if hit is not None and hit[1] * trials < false_alarm:
+            hits.append((h, hit[0], hit[1] * trials))
+    return hits
+
+
+def _harmonics(base: float, step: float) -> int:
+    return min(_HIGHEST_HARMONIC, int(0.5 / step / (base * (1 + _TOLERANCE))))
+
+
+def _even(t: Array, y: Array, mask: ArrayLike | None) -> tuple[Array, Array]:
+    """Recording on even steps, without nan."""
+    good = np.isfinite(t) & np.isfinite(y)
+    if mask is not None:
+        good &= ~np.asarray(mask, dtype=bool)
+    if good.sum() < 64:
+        return np.empty(0), np.empty(0)
+    tg, yg = t[good], y[good]
+    steps = np.diff(tg)
+    step = float(np.median(steps))
+    if good.all() and float(np.max(np.abs(steps - step))) < 0.05 * step:
+        return tg, yg
+    grid = tg[0] + step * np.arange(int((tg[-1] - tg[0]) / step) + 1)
+    return grid, np.interp(grid, tg, yg)
+
+
+def _cut_peaks(d: Array) -> Array:
+    middle = float(np.median(d))
+    scale = 1.4826 * float(np.median(np.abs(d - middle)))
+    if scale == 0:
+        scale = float(np.std(d))
+    return np.clip(d - middle, -6 * scale, 6 * scale)
+
+
+def _welch(d: Array, step: float, seconds: float) -> _Spectrum:
+    """Mean power of Hann segments with half overlap; about two degrees of freedom a segment and bin."""
+    from scipy import fft
+
+    # segments of nearly the wished length that tile the record
+    number = max(1, round(2 * d.size * step / seconds) - 1)
+    length = fft.prev_fast_len(2 * d.size // (number + 1), real=True)
+    starts = np.linspace(0, d.size - length, number).astype(int)
+    window = np.hanning(length + 1)[:-1]
+    total = np.zeros(length // 2 + 1)
+    for first in starts:
+        piece = fft.rfft(d[first:first + length] * window)
+        total += piece.real**2 + piece.imag**2
+    # neighbouring Hann segments at half overlap correlate with (1/6)^2 in power
+    dof = 2.0 * number / (1.0 + 2.0 / 36.0 * (number > 1))
+    return _Spectrum(fft.rfftfreq(length, step), total / number, dof)
+
+
+@dataclass(frozen=True)
+class _Drive:
+    fundamental_Hz: float  # 0 where the drive is not periodic
+    power: tuple[Array, ...]  # of u and of u^2, as differences
+    strongest: tuple[NDArray[np.int64], ...]  # bins of their strongest lines
+
+
+def _drive(u: ArrayLike, time: Array, grid: Array, spectrum: _Spectrum, step: float,
+           seconds: float) -> _Drive:
+    v = np.asarray(u, dtype=float)
+    good = np.isfinite(v) & np.isfinite(time)
+    if good.sum() < 2:
+        return _Drive(0.0, (), ())
+    on_grid = v if v.size == grid.size and good.all() else np.interp(grid, time[good], v[good])
+    if np.ptp(on_grid) == 0:
+        return _Drive(0.0, (), ())
+    power, strongest, fundamental = [], [], 0.0
+    for k, signal in enumerate((on_grid, on_grid * on_grid)):
+        p = _welch(np.diff(signal), step, seconds).p
+        power.append(p)
+        strongest.append(np.argsort(p)[-6:])
+        if k == 0:
+            # periodic: lines far above what lies between them; the lowest is the fundamental
+            lines = np.flatnonzero((p > 0.02 * p[2:].max()) & (p > 100 * np.median(p)))
+            if lines.size:
+                first = int(lines[0])
+                fundamental = _peak(spectrum.f, p, first + int(np.argmax(p[first:first + 4])))
+    return _Drive(fundamental, tuple(power), tuple(strongest))
+
+
+def _peak(f: Array, p: Array, k: int) -> float:
+    """Frequency of a Hann-windowed tone from its two largest bins (doi 10.1109/TIM.1983.4315077)."""
+    if not 0 < k < p.size - 1:
+        return float(f[k])
+    side = 1 if p[k + 1] > p[k - 1] else -1
+    ratio = math.sqrt(p[k + side] / p[k])
+    return float(f[k] + side * (2 * ratio - 1) / (1 + ratio) * (f[1] - f[0]))
+
+
+def _band(spectrum: _Spectrum, centre: float) -> tuple[int, float] | None:
+    """Largest bin of a band and its false-alarm probability; None where it cannot be told."""
+    from scipy.special import betainc
+
+    f, p, dof = spectrum.f, spectrum.p, spectrum.dof
+    df = float(f[1] - f[0])
+    low, high = np.searchsorted(f, [centre * (1 - _TOLERANCE) - df, centre * (1 + _TOLERANCE) + df])
+    if high - low < 3 or high >= f.size:
+        return None
+    k = int(low + np.argmax(p[low:high]))
+    wide = max(5.0, 0.1 * centre, 60 * df)
+    near = np.flatnonzero((np.abs(f - centre) < wide) & (np.abs(np.arange(f.size) - k) > 3))
+    if near.size < 20:
+        return None
+    # level at the line: a straight line through both sides, so that a sloping spectrum does no harm
+    sides = [side for side in (near[near < k], near[near > k]) if side.size >= 10]
+    medians = [math.log(max(float(np.median(p[side])), 1e-300)) for side in sides]
+    level = math.exp(float(np.interp(f[k], [float(np.mean(f[side])) for side in sides], medians)))
+    ratio = p[k] * _median_of_mean(dof) / level
+    # the median is 0.48 as efficient as a mean, Hann bins count 0.65 each
+    reference = 0.3 * dof * near.size
+    tail = float(betainc(reference / 2, dof / 2, reference / (reference + dof * ratio)))
+    return k, 1.0 - (1.0 - tail) ** (high - low) if tail > 1e-12 else tail * (high - low)
+
+
+def _median_of_mean(dof: float) -> float:
+    """Median over mean of a chi-square with dof degrees of freedom."""
+    from scipy.special import gammaincinv
+
+    return float(gammaincinv(dof / 2, 0.5) / (dof / 2))
+
+
+def _of_drive(spectrum: _Spectrum, k: int, drive: _Drive) -> bool:
+    """Whether the drive explains bin k; see `find_mains`."""
+    f, p = spectrum.f, spectrum.p
+    for power, strongest in zip(drive.power, drive.strongest, strict=True):
+        # what y shows at the drive's strongest lines, above its noise there
+        shown = sum(max(0.0, float(p[i]) - 10 * _noise_level(p, int(i))) for i in strongest)
+        if shown / float(np.sum(power[strongest])) * power[max(k - 1, 0):k + 2].max() > 0.1 * p[k]:
+            return True
+    df = f[1] - f[0]
+    base = drive.fundamental_Hz
+    if base <= 0:
+        return False
+    order = round(_peak(f, p, k) / base)
+    if order < 1 or abs(f[k] - order * base) > 2 * df + 0.02 * df * order:
+        return False
+    level = 0.0
+    for other in (order - 2, order - 1, order + 1, order + 2):
+        at = round(other * base / df)
+        if other >= 1 and at + 1 < p.size:
+            level = max(level, float(p[max(at - 1, 0):at + 2].max()) / float(f[at]) ** 2)
+    return bool(p[k] / f[k] ** 2 < 16 * level)
+
+
+def _refine(hits: _Hits, d: Array, t: Array, step: float) -> Mains:
+    """Frequency, amplitudes and phases by demodulation of the whole record."""
+    f, p = hits.spectrum.f, hits.spectrum.p
+    strongest = max(hits.lines, key=lambda line: float(p[line[1]]))
+    chunk = max(1, round(0.5 / step))
+    fine, coherent = _fine_frequency(d, step, _peak(f, p, strongest[1]), chunk)
+    fundamental = fine / strongest[0]
+    window = np.hanning(d.size + 2)[1:-1]
+    shaped = window * d
+    window_sum, window_squares = 0.5 * (d.size + 1), 0.375 * (d.size + 1)
+    segment_squares = 0.375 * 2 * (p.size - 1)
+    lines = []
+    for h, k, probability in hits.lines:
+        w = 2 * math.pi * h * fundamental
+        chunks, _ = _demodulate(shaped, step, w, chunk)
+        rest = shaped[chunks.size * chunk:]
+        z = np.sum(chunks) + np.sum(rest * np.exp(-1j * w * step * np.arange(chunks.size * chunk, d.size)))
+        # a difference belongs to the middle of its interval, and sees 2i sin(w step/2) of the line
+        response = 2j * math.sin(0.5 * w * step)
+        a = complex(2 * z / window_sum / response * np.exp(-1j * w * (t[0] + 0.5 * step)))
+        variance = 2 * _noise_level(p, k) / segment_squares * window_squares / window_sum**2
+        lines.append(MainsLine(
+            harmonic=h, frequency_Hz=h * fundamental, amplitude=abs(a),
+            amplitude_se=math.sqrt(variance) / abs(response), phase_rad=math.atan2(a.imag, a.real),
+            false_alarm=float(min(1.0, probability))))
+    return Mains(base_Hz=hits.base, frequency_Hz=fundamental, lines=tuple(lines), coherent=coherent)
+
+
+def _demodulate(d: Array, step: float, w: float, chunk: int) -> tuple[NDArray[np.complex128], int]:
+    """Sums of d exp(-i w t) over chunks, t from the first sample; the exponential is taken once a chunk."""
+    n = d.size // chunk
+    carrier = np.exp(-1j * w * step * np.arange(chunk))
+    rows = d[:n * chunk].reshape(n, chunk)
+    sums = rows @ carrier.real + 1j * (rows @ carrier.imag)
+    return sums * np.exp(-1j * w * step * chunk * np.arange(n)), n
+
+
+def _noise_level(p: Array, k: int) -> float:
+    near = np.concatenate([p[max(0, k - 40):max(0, k - 3)], p[k + 4:k + 40]])
+    return float(np.median(near))
+
+
+def _fine_frequency(d: Array, step: float, coarse: float, chunk: int) -> tuple[float, bool]:
+    """Frequency at which the demodulated record adds up most, and whether it stays in phase."""
+    z, n = _demodulate(d, step, 2 * math.pi * coarse, chunk)
+    if n < 4:
+        return coarse, True
+    window = np.hanning(n + 2)[1:-1]
+    size = 1 << (int(math.log2(n)) + 4)
+    spectrum = np.abs(np.fft.fft(z * window, size))
+    offsets = np.fft.fftfreq(size, chunk * step)
+    k = int(np.argmax(np.where(np.abs(offsets) < 0.25 / (chunk * step), spectrum, 0.0)))
+    left, centre, right = (float(np.log(spectrum[(k + i) % size] + 1e-300)) for i in (-1, 0, 1))
+    curvature = left - 2 * centre + right
+    shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
+    fine = coarse + float(offsets[k]) + shift / (size * chunk * step)
+    # a line that wanders adds up over quarters of the record but not over the whole
+    turned = z * np.exp(-2j * np.pi * (fine - coarse) * chunk * step * np.arange(n))
+    quarters = sum(abs(np.sum(part)) for part in np.array_split(turned, 4))
+    return float(fine), bool(abs(np.sum(turned)) > 0.8 * quarters)

@@ -1,0 +1,159 @@
+"""Noise level and autocorrelation from stretches in which nothing happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from bayes_dea.noise.edges import input_noise
+
+Array = NDArray[np.float64]
+LAGS = 20
+
+
+@dataclass(frozen=True)
+class QuietNoise:
+    """Noise of one recording, in the unit of its output."""
+
+    sd: float  # marginal standard deviation
+    rho: float  # lag-one correlation of the AR(1) process that was fitted
+    autocorrelation: Array = field(repr=False)  # lags 0..20, shape (21,); nan without quiet stretches
+    n: int  # samples used; 0 where the recording has no quiet stretch
+    warnings: tuple[str, ...] = ()
+
+
+def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLike | None = None,
+                settle_s: float = 0.3) -> QuietNoise:
+    """Sd and autocorrelation of the noise where the input stands still.
+
+    Stretches of constant input, from `settle_s` (and at least one window) after its last change on, are
+    cut into windows of 256, 128 or 64 samples; a parabola is taken off each, so that creep does not count.
+    Readings beyond five robust sds (MAD) of their window are bridged, and windows of more than six
+    times the median variance left out. What the parabola takes from the autocovariance is given
+    back exactly for an AR(1) process. Mains raises the autocorrelation: subtract it first.
+
+    Where no stretch is quiet, the sd comes from fourth differences, as if the noise were white, and a
+    warning says so.
+
+    Parameters
+    ----------
+    y, u, time_s : output, input, time, shape (n,); nan cells of y are gaps.
+    mask : True where y is not to be used (drop-outs).
+    """
+    values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
+    t = np.asarray(time_s, dtype=float)
+    good = np.isfinite(values) & np.isfinite(drive) & np.isfinite(t)
+    if mask is not None:
+        masked = np.asarray(mask, dtype=bool)
+        # drop-outs are bridged: one missing reading must not end a stretch
+        if masked.any() and (good & ~masked).any():
+            rows = np.arange(values.size)
+            use = good & ~masked
+            values = np.where(masked & good, np.interp(rows, rows[use], values[use]), values)
+    finite = drive[good]
+    steps = np.diff(t[good])
+    if finite.size < 64:
+        return _without_rest(values[good])
+    step = float(np.median(steps))
+    tolerance = max(0.005 * float(np.ptp(finite)), 8 * input_noise(finite))
+    settle = round(settle_s / step) if step > 0 else 0
+    for width in (256, 128, 64):
+        starts = _windows(drive, good, tolerance, width, max(settle, width))
+        if starts.size >= 8 or (width == 64 and starts.size):
+            return _from_windows(values, starts, width)
+    return _without_rest(values[good])
+
+
+@njit(cache=True)
+def _windows(u, good, tolerance, width, settle):
+    """First rows of windows inside stretches in which u keeps within the tolerance."""
+    n = u.size
+    out = np.empty(n // width + 1, dtype=np.int64)
+    k = 0
+    i = 0
+    changed = False  # before the first change the actuator rests: nothing has to settle
+    while i < n:
+        if not good[i]:
+            i += 1
+            continue
+        j = i + 1
+        low = u[i]
+        high = u[i]
+        while j < n and good[j]:
+            low = min(low, u[j])
+            high = max(high, u[j])
+            if high - low > tolerance:
+                break
+            j += 1
+        first = i + settle if changed else i
+        while first + width <= j:
+            out[k] = first
+            k += 1
+            first += width
+        if j < n and good[j]:
+            changed = True
+        i = j
+    return out[:k].copy()
+
+
+def _from_windows(y: Array, starts: NDArray[np.int64], width: int) -> QuietNoise:
+    if starts.size > 4000:  # a million samples say enough
+        starts = starts[np.linspace(0, starts.size - 1, 4000).astype(int)]
+    x = np.linspace(-1, 1, width)
+    basis, _ = np.linalg.qr(np.stack([np.ones(width), x, x * x], axis=1))
+    rows = y[starts[:, None] + np.arange(width)]
+    rows = rows - rows[:, :1]  # keeps digits of small noise on a large offset
+    residual = rows - (rows @ basis) @ basis.T
+    size = np.abs(residual)
+    # a coarse quantisation can make the MAD of a window vanish
+    scale = np.maximum(1.4826 * np.median(size, axis=1), 0.2 * float(np.median(size.max(axis=1))))[:, None]
+    out = size > 5 * scale
+    for _ in range(2 if out.any() else 0):
+        # bridged and again: the parabola had bent towards them, and what replaces them must be as correlated
+        flat, gone = rows.ravel(), out.ravel()
+        at = np.arange(flat.size)
+        rows = np.where(gone, np.interp(at, at[~gone], flat[~gone]), flat).reshape(rows.shape)
+        residual = rows - (rows @ basis) @ basis.T
+        out = np.abs(residual) > 5 * scale
+    variance = np.mean(residual**2, axis=1)
+    # without windows in which something happened; a trimmed mean would be biased: windows of
+    # correlated noise hold few independent values
+    keep = residual[variance <= 6 * float(np.median(variance))]
+    used = [float(np.mean(keep[:, :width - k] * keep[:, k:])) for k in range(LAGS + 1)]
+    observed = np.array(used)
+    if not observed[0] > 0:
+        return QuietNoise(0.0, 0.0, np.r_[1.0, np.zeros(LAGS)], keep.size,
+                          ("the recording does not scatter at all where its input stands still",))
+    rho = float(np.clip(observed[1] / observed[0], -0.95, 0.95))
+    gamma = observed
+    for _ in range(8):
+        taken = _ar1_expected(rho, width, basis)
+        true = rho ** np.arange(LAGS + 1)
+        level = observed[0] / taken[0]
+        gamma = observed + level * (true - taken)
+        rho = float(np.clip(gamma[1] / gamma[0], -0.99, 0.99))
+    return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], keep.size)
+
+
+def _ar1_expected(rho: float, width: int, basis: Array) -> Array:
+    """Expected autocovariances, lags 0..20, of unit AR(1) noise after the projection."""
+    lag = np.arange(width)
+    full = rho ** np.abs(lag[:, None] - lag)
+    full = full - basis @ (basis.T @ full)
+    full = full - (full @ basis) @ basis.T
+    return np.array([float(np.mean(np.diagonal(full, k))) for k in range(LAGS + 1)])
+
+
+def _without_rest(y: Array) -> QuietNoise:
+    nothing = np.full(LAGS + 1, np.nan)
+    if y.size < 16:
+        return QuietNoise(float("nan"), 0.0, nothing, 0, ("too few rows to estimate the noise",))
+    fourth = np.diff(y, n=4)
+    # variance of a fourth difference of white noise: 1 + 16 + 36 + 16 + 1
+    sd = 1.4826 * float(np.median(np.abs(fourth))) / np.sqrt(70.0)
+    return QuietNoise(sd, 0.0, nothing, 0,
+                      ("no stretch of constant input is long enough; the noise was estimated from "
+                       "differences as if it were white: record a rest before the first edge",))

@@ -1,0 +1,361 @@
+"""Priors: text files with value, unit and source of every number, and what is made of them.
+
+A prior file is TOML; each table under ``[parameters]`` is one parameter::
+
+    [parameters.Y_Pa]
+    prior = "lognormal"
+    median = 1.2e6
+    log_sd = 0.5
+    unit = "Pa"
+    label = "$Y$"
+    source = "where the number comes from"
+
+Families: ``lognormal`` (median, log_sd), ``normal`` (mean, sd), ``uniform`` and ``loguniform`` (low, high),
+``fixed`` (value). ``relative_to = "Y_Pa"`` makes a log-normal's median a multiple of another parameter.
+Parameters of one family that must fall in order (tau_1 > tau_2 > ...) share ``ordered = "tau"``: their joint
+prior is the product of the single ones, cut to the ordered region and normalised there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from .errors import InputError
+
+FAMILIES = {
+    "lognormal": ("median", "log_sd"),
+    "normal": ("mean", "sd"),
+    "uniform": ("low", "high"),
+    "loguniform": ("low", "high"),
+    "fixed": ("value",),
+}
+_LOG_FAMILIES = ("lognormal", "loguniform")
+_HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """One univariate prior; `a`, `b` are the two numbers of its family (CONTRACT: SI units).
+
+    Inference runs in the prior's *coordinate*: the log of the parameter for log families, the parameter
+    itself otherwise. Densities are per unit of that coordinate.
+    """
+
+    family: str
+    a: float
+    b: float = 0.0
+    relative_to: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise InputError(f"prior family '{self.family}' is unknown; one of {', '.join(FAMILIES)}")
+        if not (math.isfinite(self.a) and math.isfinite(self.b)):
+            raise InputError(f"prior {self}: its numbers must be finite")
+        if self.family in ("lognormal", "normal") and self.b <= 0:
+            raise InputError(f"prior {self}: the width must be positive")
+        if self.family in ("uniform", "loguniform") and self.b <= self.a:
+            raise InputError(f"prior {self}: 'low' must lie below 'high'")
+        if self.family in _LOG_FAMILIES and self.a <= 0:
+            raise InputError(f"prior {self}: {FAMILIES[self.family][0]} must be positive")
+
+    def __str__(self) -> str:
+        numbers = (self.a,) if self.family == "fixed" else (self.a, self.b)
+        text = f"{self.family}({', '.join(f'{v:g}' for v in numbers)})"
+        return text + (f" x {self.relative_to}" if self.relative_to else "")
+
+    @property
+    def is_log(self) -> bool:
+        """Whether the coordinate is the logarithm."""
+        return self.family in _LOG_FAMILIES
+
+    def to_coordinate(self, value: float) -> float:
+        """Parameter value to inference coordinate."""
+        return math.log(value) if self.is_log else value
+
+    def ppf(self, q: NDArray, shift: NDArray | float = 0.0) -> NDArray:
+        """Coordinate at prior quantile `q`; `shift` is the coordinate of what it is relative to."""
+        q = np.clip(q, 1e-12, 1 - 1e-12)
+        if self.family == "lognormal":
+            return math.log(self.a) + shift + self.b * ndtri(q)
+        if self.family == "normal":
+            return self.a + self.b * ndtri(q)
+        if self.family == "loguniform":
+            return math.log(self.a) + q * math.log(self.b / self.a)
+        if self.family == "uniform":
+            return self.a + q * (self.b - self.a)
+        return np.full_like(q, self.a)
+
+    def cdf(self, x: NDArray, shift: NDArray | float = 0.0) -> NDArray:
+        """Prior quantile of coordinate `x`."""
+        if self.family == "lognormal":
+            return ndtr((x - math.log(self.a) - shift) / self.b)
+        if self.family == "normal":
+            return ndtr((x - self.a) / self.b)
+        low, high = (math.log(self.a), math.log(self.b)) if self.is_log else (self.a, self.b)
+        return np.clip((x - low) / (high - low), 0, 1)
+
+    def logpdf(self, x: NDArray, shift: NDArray | float = 0.0) -> NDArray:
+        """Log density per unit of the coordinate."""
+        if self.family == "lognormal":
+            s = (x - math.log(self.a) - shift) / self.b
+            return -0.5 * s * s - math.log(self.b) - _HALF_LOG_2PI
+        if self.family == "normal":
+            s = (x - self.a) / self.b
+            return -0.5 * s * s - math.log(self.b) - _HALF_LOG_2PI
+        low, high = (math.log(self.a), math.log(self.b)) if self.is_log else (self.a, self.b)
+        return np.where((x >= low) & (x <= high), -math.log(high - low), -np.inf)
+
+    def coordinate_sd(self) -> float:
+        """Standard deviation of the prior in its coordinate, for scaling steps."""
+        if self.family in ("lognormal", "normal"):
+            return self.b
+        low, high = (math.log(self.a), math.log(self.b)) if self.is_log else (self.a, self.b)
+        return (high - low) / math.sqrt(12)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named parameter with unit, prior and the source of the prior's numbers."""
+
+    name: str
+    unit: str
+    prior: Prior
+    label: str = ""
+    source: str = ""
+    ordered: str | None = None  # members of one group fall in the order in which they are listed
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the parameter is a constant."""
+        return self.prior.family == "fixed"
+
+
+class PriorSet:
+    """Joint prior of free parameters, in coordinates (n, d).
+
+    Fixed parameters carry a value only. Order groups are cut and normalised exactly: with densities p_1..p_m the
+    mass of the ordered region is a nested integral, taken on a grid; the same grid inverts the conditional
+    distributions, so that prior draws are ordered by construction.
+    """
+
+    def __init__(self, parameters: Sequence[Parameter]):
+        names = [p.name for p in parameters]
+        if len(set(names)) != len(names):
+            raise InputError(f"a parameter is named twice: {names}")
+        self.parameters = tuple(parameters)
+        self.free = tuple(p for p in parameters if not p.fixed)
+        self.names = tuple(p.name for p in self.free)
+        self.fixed = {p.name: p.prior.a for p in parameters if p.fixed}
+        self.dimension = len(self.free)
+        index = {name: i for i, name in enumerate(self.names)}
+        self._relative: list[tuple[int, float]] = []  # (index of reference or -1, constant shift)
+        for p in self.free:
+            reference = p.prior.relative_to
+            if reference is None:
+                self._relative.append((-1, 0.0))
+            elif reference in index:
+                if index[reference] >= index[p.name]:
+                    raise InputError(f"prior of {p.name} is relative to {reference}, which must be listed before it")
+                self._relative.append((index[reference], 0.0))
+            elif reference in self.fixed:
+                self._relative.append((-1, math.log(self.fixed[reference])))
+            else:
+                raise InputError(f"prior of {p.name} is relative to {reference}, which this model does not have")
+        groups: dict[str, list[int]] = {}
+        for i, p in enumerate(self.free):
+            if p.ordered:
+                groups.setdefault(p.ordered, []).append(i)
+        self._groups = {name: _OrderGroup([self.free[i].prior for i in idx]) for name, idx in groups.items()
+                        if len(idx) > 1}
+        self._group_index = {name: np.array(groups[name]) for name in self._groups}
+
+    def _shift(self, i: int, z: NDArray) -> NDArray | float:
+        reference, constant = self._relative[i]
+        if reference < 0:
+            return constant
+        value = z[:, reference]
+        # the reference may itself live in a plain coordinate
+        return value if self.free[reference].prior.is_log else np.log(np.maximum(value, 1e-300))
+
+    def logpdf(self, z: NDArray) -> NDArray:
+        """Log prior density of coordinates `z` (n, d) -> (n,); -inf where the order is broken."""
+        total = np.zeros(len(z))
+        for i, p in enumerate(self.free):
+            total += p.prior.logpdf(z[:, i], self._shift(i, z))
+        for name, group in self._groups.items():
+            x = z[:, self._group_index[name]]
+            total -= group.log_mass
+            total[np.any(x[:, 1:] >= x[:, :-1], axis=1)] = -np.inf
+        return total
+
+    def transform(self, q: NDArray) -> NDArray:
+        """Unit cube (n, d) to coordinates (n, d): the inverse of the joint prior distribution."""
+        q = np.atleast_2d(q)
+        z = np.empty_like(q)
+        done = np.zeros(self.dimension, dtype=bool)
+        for i, p in enumerate(self.free):
+            if p.ordered in self._groups:
+                if not done[i]:
+                    idx = self._group_index[p.ordered]
+                    z[:, idx] = self._groups[p.ordered].transform(q[:, idx])
+                    done[idx] = True
+                continue
+            z[:, i] = p.prior.ppf(q[:, i], self._shift(i, z))
+        return z
+
+    def draw(self, n: int, rng: np.random.Generator) -> NDArray:
+        """Prior draws in coordinates, (n, d)."""
+        return self.transform(rng.random((n, self.dimension)))
+
+    def to_physical(self, z: NDArray) -> dict[str, NDArray]:
+        """Coordinates (n, d) to named physical values (n,), fixed ones included."""
+        out = {p.name: (np.exp(z[:, i]) if p.prior.is_log else z[:, i].copy()) for i, p in enumerate(self.free)}
+        out.update({name: np.full(len(z), value) for name, value in self.fixed.items()})
+        return out
+
+    def to_coordinates(self, values: Mapping[str, float | NDArray]) -> NDArray:
+        """Named physical values (scalars or (n,)) to coordinates (n, d)."""
+        columns = []
+        for p in self.free:
+            v = np.atleast_1d(np.asarray(values[p.name], float))
+            columns.append(np.log(v) if p.prior.is_log else v)
+        return np.stack(np.broadcast_arrays(*columns), axis=1)
+
+    def scales(self) -> NDArray:
+        """Prior standard deviation of each coordinate (d,)."""
+        return np.array([p.prior.coordinate_sd() for p in self.free])
+
+
+class _OrderGroup:
+    """x_1 > x_2 > ... > x_m with independent densities, cut to that order."""
+
+    def __init__(self, priors: Sequence[Prior], points: int = 4001):
+        if any(p.relative_to for p in priors):
+            raise InputError("parameters that are kept in order cannot have priors relative to another parameter")
+        q = np.array([1e-9, 1 - 1e-9])
+        ends = np.concatenate([p.ppf(q) for p in priors])
+        self._grid = np.linspace(ends.min(), ends.max(), points)
+        density = [np.exp(p.logpdf(self._grid)) for p in priors]
+        # tail[k](x): mass of x > x_k > x_{k+1} > ... ; built from the last one upwards
+        self._cumulative: list[NDArray] = []
+        tail = np.ones(points)
+        step = self._grid[1] - self._grid[0]
+        for p in reversed(density):
+            f = p * tail
+            tail = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * step)])
+            self._cumulative.insert(0, tail)
+        self.log_mass = math.log(max(self._cumulative[0][-1], 1e-300))
+
+    def transform(self, q: NDArray) -> NDArray:
+        x = np.empty_like(q)
+        top = np.full(len(q), self._cumulative[0][-1])
+        for k, cumulative in enumerate(self._cumulative):
+            x[:, k] = np.interp(np.clip(q[:, k], 1e-12, 1 - 1e-12) * top, cumulative, self._grid)
+            if k + 1 < len(self._cumulative):
+                top = np.interp(x[:, k], self._grid, self._cumulative[k + 1])
+        # equal neighbours can only come from interpolation in empty tails
+        return x - np.arange(q.shape[1]) * 1e-12
+
+
+def log_interval_mass(low: float, high: float) -> float:
+    """log of the standard normal mass between two limits (natural log)."""
+    return float(np.log(np.exp(log_ndtr(high)) - np.exp(log_ndtr(low))))
+
+
+# ---------------------------------------------------------------- files and overrides
+
+def prior_folder() -> Path:
+    """Where the prior files lie: beside the package in a checkout, inside it when installed."""
+    here = Path(__file__).resolve().parent
+    inside = here / "prior_files"
+    return inside if inside.is_dir() else here.parent / "priors"
+
+
+def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Parameter:
+    """One ``[parameters.NAME]`` table to a Parameter; InputError names `where` and what is missing."""
+    family = table.get("prior")
+    if family not in FAMILIES:
+        raise InputError(f"{where}: [parameters.{name}] prior = {family!r} is unknown; one of {', '.join(FAMILIES)}")
+    numbers = []
+    for key in FAMILIES[family]:
+        if key not in table:
+            raise InputError(f"{where}: [parameters.{name}] lacks '{key}', which a {family} prior needs")
+        if isinstance(table[key], bool) or not isinstance(table[key], (int, float)):
+            raise InputError(f"{where}: [parameters.{name}] {key} = {table[key]!r} is not a number")
+        numbers.append(float(table[key]))
+    for key in ("unit", "source"):
+        if not isinstance(table.get(key), str):
+            raise InputError(f"{where}: [parameters.{name}] lacks '{key}' (a text)")
+    try:
+        prior = Prior(family, *numbers, relative_to=table.get("relative_to"))
+    except InputError as error:
+        raise InputError(f"{where}: [parameters.{name}] {error}") from None
+    return Parameter(name, table["unit"], prior, table.get("label", name), table["source"], table.get("ordered"))
+
+
+def read_prior_file(path: Path) -> dict[str, Parameter]:
+    """All parameters of one prior file."""
+    try:
+        text = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such prior file") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file: {error}") from None
+    table = text.get("parameters")
+    if not isinstance(table, dict) or not table:
+        raise InputError(f"{path}: a prior file needs tables [parameters.NAME]; see priors/README.md")
+    return {name: parameter_from_table(name, entry, str(path)) for name, entry in table.items()}
+
+
+_OVERRIDE = re.compile(r"^\s*(?P<name>\w+)\s*=\s*(?:(?P<family>[a-z]+)\s*\((?P<numbers>[^)]*)\)|(?P<value>[^()\s]+))\s*$")
+
+
+def parse_override(text: str) -> tuple[str, Prior]:
+    """``NAME=lognormal(1.2e6, 0.3)`` (or ``NAME=1.2e6`` to fix it) to name and prior."""
+    match = _OVERRIDE.match(text)
+    help_text = "write NAME=family(number, number), e.g. Y_Pa=lognormal(1.2e6, 0.3), or NAME=value to fix it"
+    if not match:
+        raise InputError(f"prior '{text}' cannot be read; {help_text}")
+    try:
+        if match["value"] is not None:
+            return match["name"], Prior("fixed", float(match["value"]))
+        numbers = [float(v) for v in match["numbers"].split(",") if v.strip()]
+    except ValueError:
+        raise InputError(f"prior '{text}': a number cannot be read; {help_text}") from None
+    family = match["family"]
+    if family not in FAMILIES:
+        raise InputError(f"prior '{text}': family '{family}' is unknown; one of {', '.join(FAMILIES)}")
+    if len(numbers) != len(FAMILIES[family]):
+        raise InputError(f"prior '{text}': {family} takes {' and '.join(FAMILIES[family])}")
+    return match["name"], Prior(family, *numbers)
+
+
+def apply_overrides(parameters: Sequence[Parameter], overrides: Mapping[str, Parameter | Prior]) -> tuple[Parameter, ...]:
+    """Parameters with the user's priors in place; a name that the model lacks is an InputError."""
+    known = [p.name for p in parameters]
+    for name in overrides:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise InputError(f"prior for '{name}': this model has no such parameter{hint} It has {', '.join(known)}.")
+    out = []
+    for p in parameters:
+        o = overrides.get(p.name)
+        if o is None:
+            out.append(p)
+        elif isinstance(o, Parameter):
+            out.append(replace(p, prior=o.prior, source=o.source or "user's prior file"))
+        else:
+            out.append(replace(p, prior=o, source="given on the command line"))
+    return tuple(out)

@@ -1,0 +1,227 @@
+"""load_campaign: what a good campaign becomes, several folders, paths."""
+
+import hashlib
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from bayes_dea.campaign import Sensor, load_campaign, require_geometry, require_sensor
+from bayes_dea.errors import InputError
+
+CREEP = '[[recording]]\nfile = "creep.csv"\nkind = "creep"\n'
+
+
+def test_reads_a_campaign_with_all_it_says(folder, data, as_csv):
+    columns = data() | {"measured_voltage_V": data()["voltage_V"] * 0.999,
+                        "temperature_C": np.full(200, 21.5), "remark": np.zeros(200)}
+    head = """
+name = "bench 3"
+hold = "start"
+[actuator]
+layers = 399
+layer_thickness_m = 25e-6
+relative_permittivity = 2.8
+stack_height_m = 10.261e-3
+max_voltage_V = 1200
+payload_kg = 0.1
+[sensor.displacement]
+fluctuation_m = 4.7e-6
+accuracy_m = 19.4e-6
+resolution_m = 0.15e-6
+[sensor.voltage]
+fluctuation_V = 0.5
+[ambient]
+temperature_C = 21.4
+relative_humidity_pct = 30.7
+[share]
+parameters = ["Y_Pa", "tau_1_s"]
+[meta]
+operator = "N. N."
+date = 2024-05-01
+"""
+    recordings = """
+[[recording]]
+file = "creep.csv"
+kind = "creep"
+role = "identify"
+zeroed = true
+[[recording]]
+file = "second.csv"
+kind = "voltage"
+role = "validate"
+specimen = "B"
+hold = "linear"
+actuator.stack_height_m = 10.412e-3
+[[recording]]
+file = "third.csv"
+kind = "creep"
+specimen = "B"
+rested = false
+rest_before_s = 7200
+"""
+    path = folder(recordings, {"creep.csv": as_csv(columns), "second.csv": as_csv(data(seed=2)),
+                               "third.csv": as_csv(data(seed=3))}, head)
+    campaign = load_campaign(path)
+    first, second, third = campaign.recordings
+    assert (campaign.name, campaign.folders) == ("bench 3", (path.resolve(),))
+    assert set(first.columns) == set(columns) - {"remark"}
+    for name, values in first.columns.items():
+        np.testing.assert_allclose(values, columns[name], rtol=1e-8, atol=1e-15)
+        assert values.dtype == np.float64
+        assert not values.flags.writeable
+    assert (first.name, first.kind, first.role) == ("creep.csv", "creep", "identify")
+    assert (first.zeroed, first.hold) == (True, "start")
+    assert (second.hold, second.specimen, second.role) == ("linear", "B", "validate")
+    assert (first.actuator.stack_height_m, second.actuator.stack_height_m) == (10.261e-3, 10.412e-3)
+    assert second.actuator.layers == 399
+    assert (third.rested, third.rest_before_s) == (False, 7200.0)
+    assert campaign.sensors["displacement"] == Sensor(4.7e-6, 19.4e-6, 0.15e-6)
+    assert campaign.sensors["voltage"] == Sensor(0.5)
+    assert campaign.share == ("Y_Pa", "tau_1_s")
+    assert campaign.ambient["temperature_C"] == 21.4
+    assert campaign.meta["operator"] == "N. N."
+    assert campaign.conventions["hold"] == "start"
+    assert campaign.conventions["residuals"] == "after_offset_and_gain"
+    assert campaign.actuator.payload_kg == 0.1
+    assert campaign.warnings == ()
+    by_file = {entry["file"]: entry for entry in campaign.inputs}
+    content = (path / "creep.csv").read_bytes()
+    assert by_file["creep.csv"] == {"file": "creep.csv", "size": len(content),
+                                    "sha256": hashlib.sha256(content).hexdigest()}
+    assert set(by_file) == {"campaign.toml", "creep.csv", "second.csv", "third.csv"}
+
+
+def test_toml_file_itself_and_numbers_to_the_last_bit(folder):
+    rows = [f"{i / 7!r},{i * 100 % 1200}.25,{1e-7 * i!r}" for i in range(30)]
+    path = folder(CREEP, {"creep.csv": "time_s,voltage_V,displacement_m\n" + "\n".join(rows) + "\n"})
+    (r,) = load_campaign(path / "campaign.toml").recordings
+    assert r.time_s.tolist() == [i / 7 for i in range(30)]
+    assert r.columns["displacement_m"].tolist() == [1e-7 * i for i in range(30)]
+
+
+def test_gaps_stay_nan_and_are_told(folder, data, as_csv):
+    lines = as_csv(data()).splitlines()
+    for k, cell in ((5, "nan"), (6, ""), (7, "NaN")):
+        lines[k] = ",".join([*lines[k].split(",")[:2], cell])
+    path = folder(CREEP, {"creep.csv": "\n".join(lines) + "\n"})
+    campaign = load_campaign(path)
+    assert np.flatnonzero(np.isnan(campaign.recordings[0].columns["displacement_m"])).tolist() == [4, 5, 6]
+    assert any("displacement_m has 3 gaps" in w and "row 6" in w for w in campaign.warnings)
+
+
+def test_uneven_time_and_holes_are_told(folder, data, as_csv):
+    columns = data()
+    columns["time_s"] = columns["time_s"] + np.where(np.arange(200) >= 100, 30.0, 0.0)
+    campaign = load_campaign(folder(CREEP, {"creep.csv": as_csv(columns)}))
+    assert any("1 hole" in w and "row 102" in w for w in campaign.warnings)
+    columns["time_s"] = np.geomspace(0.01, 1000, 200)
+    campaign = load_campaign(folder(CREEP, {"creep.csv": as_csv(columns)}))
+    assert any("uneven" in w for w in campaign.warnings)
+
+
+def test_memory_may_be_continued_throughout(folder, data, as_csv):
+    files = {f"r{k}.csv": as_csv(data(seed=k)) for k in range(4)}
+    extra = ("", "", "rested = true\n", 'specimen = "B"\n')
+    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "creep"\n{more}'
+                         for f, more in zip(files, extra, strict=True))
+    campaign = load_campaign(folder('[conventions]\nmemory = "continued"\n' + recordings, files))
+    assert [r.rested for r in campaign.recordings] == [True, False, True, True]
+    assert campaign.conventions["memory"] == "continued"
+
+
+def test_several_folders_are_specimens_of_one_campaign(folder, data, as_csv):
+    head = '[sensor.displacement]\nfluctuation_m = 2e-6\n[actuator]\nstack_height_m = 11e-3\n'
+    one = folder(CREEP, name="one")
+    two = folder(CREEP, {"creep.csv": as_csv(data(seed=2))}, head, name="two")
+    campaign = load_campaign([one, str(two)])
+    assert [r.name for r in campaign.recordings] == ["one/creep.csv", "two/creep.csv"]
+    assert [r.specimen for r in campaign.recordings] == ["A", "B"]
+    assert [r.actuator.stack_height_m for r in campaign.recordings] == [10.261e-3, 11e-3]
+    assert campaign.sensors["displacement"].fluctuation == 4.7e-6
+    assert any('specimen "A" is called "B"' in w for w in campaign.warnings)
+    assert any("[sensor.displacement] differs" in w for w in campaign.warnings)
+    with pytest.raises(InputError, match="given twice"):
+        load_campaign([one, one])
+    (two / "campaign.toml").write_text('[conventions]\nstress = "nominal"\n' + CREEP)
+    with pytest.raises(InputError, match="convention stress"):
+        load_campaign([one, two])
+
+
+def test_data_root_and_links(folder, data, as_csv, tmp_path):
+    data_root = tmp_path / "store"
+    (data_root / "deep").mkdir(parents=True)
+    (data_root / "deep" / "creep.csv").write_text(as_csv(data()))
+    recordings = '[[recording]]\nfile = "deep/creep.csv"\nkind = "creep"\n'
+    path = folder(recordings, {})
+    assert load_campaign(path, data_root).recordings[0].n == 200
+    with pytest.raises(InputError, match=r'"deep/creep.csv" is not in .*--data-root'):
+        load_campaign(path)
+    with pytest.raises(InputError, match=r"--data-root .*no such folder"):
+        load_campaign(path, tmp_path / "nowhere")
+    # the folder itself may be reached through a link
+    os.symlink(path, tmp_path / "linked")
+    os.symlink(data_root, tmp_path / "linked_store")
+    assert load_campaign(tmp_path / "linked", tmp_path / "linked_store").recordings[0].n == 200
+    # what lies in the folder comes first
+    (path / "deep").mkdir()
+    (path / "deep" / "creep.csv").write_text(as_csv(data(n=50)))
+    assert load_campaign(path, data_root).recordings[0].n == 50
+
+
+@pytest.mark.parametrize("file", ["../store/creep.csv", "sub/../../store/creep.csv", "link.csv"])
+def test_no_way_out_of_the_folder(folder, data, as_csv, tmp_path, file):
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "creep.csv").write_text(as_csv(data()))
+    path = folder(f'[[recording]]\nfile = "{file}"\nkind = "creep"\n', {})
+    (path / "sub").mkdir()
+    os.symlink(tmp_path / "store" / "creep.csv", path / "link.csv")
+    with pytest.raises(InputError, match=r"leads out of the campaign's folder.*--data-root"):
+        load_campaign(path)
+
+
+def test_require_names_what_is_missing(folder):
+    campaign = load_campaign(folder(CREEP, head="[actuator]\nstack_height_m = 0.01\n"))
+    with pytest.raises(InputError, match=r"creep.csv: layers and layer_mass_kg are needed for "
+                                         r"inertia.*\[actuator\]"):
+        require_geometry(campaign.recordings[0], ["layers", "stack_height_m", "layer_mass_kg"], "for inertia")
+    require_geometry(campaign.recordings[0], ["stack_height_m"], "for strain")
+    with pytest.raises(InputError, match=r"\[sensor.force\] with fluctuation_N"):
+        require_sensor(campaign, "force", "for the noise")
+    with_sensor = load_campaign(folder(CREEP))
+    assert require_sensor(with_sensor, "displacement", "for the noise").fluctuation == 4.7e-6
+
+
+def test_import_is_light():
+    code = ("import sys, bayes_dea.campaign; "
+            "print([m for m in ('pandas', 'pint', 'pyarrow', 'scipy', 'h5py') if m in sys.modules])")
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+def test_reading_is_fast(folder, data, as_csv):
+    """A tenth of 12 x 720 s x 1 kHz, which must load in 10 s: two threads may work 1 s each here.
+
+    Processor time is counted, so that a busy machine does not decide.
+    """
+    n = 72_000
+    rng = np.random.default_rng(3)
+    files, recordings = {}, ""
+    for k in range(12):
+        t = np.arange(n) / 1000.0
+        v = np.where(t > 10, 1000.0, 0.0)
+        y = 8e-5 * (v > 0) + 4.7e-6 * rng.standard_normal(n)
+        rows = zip(t.tolist(), v.tolist(), y.tolist(), strict=True)
+        body = "\n".join(f"{a:.3f},{b:.1f},{c:.9f}" for a, b, c in rows)
+        files[f"r{k}.csv"] = "time_s,voltage_V,displacement_m\n" + body + "\n"
+        recordings += f'[[recording]]\nfile = "r{k}.csv"\nkind = "creep"\n'
+    path = folder(recordings, files)
+    load_campaign(folder(name="warm"))
+    start = time.process_time()
+    campaign = load_campaign(path)
+    seconds = time.process_time() - start
+    assert sum(r.n for r in campaign.recordings) == 12 * n
+    assert seconds < 2.0

@@ -1,0 +1,49 @@
+"""Units by name."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.campaign.columns import to_si
+from bayes_dea.campaign.format_map import ColumnMap
+from bayes_dea.campaign.units import conversion, suffix
+from bayes_dea.errors import InputError
+
+
+@pytest.mark.parametrize(("unit", "name", "value", "expected"), [
+    ("kV", "voltage_V", 1.2, 1200.0), ("mm", "displacement_m", 1.0, 1e-3),
+    ("um", "displacement_m", 4.0, 4e-6),
+    ("\u00b5m", "displacement_m", 4.0, 4e-6), ("ms", "time_s", 5.0, 5e-3), ("min", "time_s", 2.0, 120.0),
+    ("(mm)", "position_m", 1.0, 1e-3), ("inch", "position_m", 1.0, 0.0254),
+    ("gf", "force_N", 1.0, 9.80665e-3), ("degF", "temperature_C", 212.0, 100.0),
+    ("K", "temperature_C", 293.15, 20.0), ("C", "temperature_C", 20.0, 20.0),
+    ("\u00b0C", "temperature_C", 20.0, 20.0), ("pF", "capacitance_F", 3.0, 3e-12),
+    ("1165 V", "voltage_V", 2.0, 2330.0),
+    ("V", "voltage_V", 3.0, 3.0),
+])
+def test_units(unit, name, value, expected):
+    affine = conversion(unit, name)
+    assert affine.slope * value + affine.shift == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize(("unit", "name", "message"), [
+    ("kg", "force_N", "not a unit of the same quantity.*kgf"), ("dBV!!", "voltage_V", "not known"),
+    ("s", "voltage_V", "not a unit of the same quantity"), ("mm", "gauge", "ends in no SI unit"),
+])
+def test_wrong_units(unit, name, message):
+    with pytest.raises(InputError, match=message):
+        conversion(unit, name)
+
+
+def test_suffix():
+    assert suffix("measured_voltage_V") == "V"
+    assert suffix("electrode_area_m2") == "m2"
+    assert suffix("stretch") is None
+
+
+def test_millimetres_keep_their_last_digit():
+    raw = np.array([12.3, 0.1, 7.7])
+    out = to_si(raw, ColumnMap(name="x", unit="mm"), "displacement_m", "f")
+    assert out.tolist() == [0.0123, 0.0001, 0.0077]
+    flipped = to_si(raw, ColumnMap(name="x", unit="mm", sign=-1, offset="first"), "displacement_m", "f")
+    np.testing.assert_allclose(flipped, [0.0, 12.2e-3, 4.6e-3], atol=1e-16)
+    assert raw.tolist() == [12.3, 0.1, 7.7]

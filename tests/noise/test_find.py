@@ -1,0 +1,304 @@
+"""What the data alone say: noise level, drop-outs, mains, stuck sensor. Lengths in um."""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter
+
+from bayes_dea.noise.find import (
+    find_dropouts,
+    find_edges,
+    find_flat,
+    find_mains,
+    flat_warning,
+    input_noise,
+    quiet_noise,
+)
+
+
+def ar1(rng, n, rho, sd=1.0):
+    e = rng.normal(0, sd * np.sqrt(1 - rho**2), n)
+    return lfilter([1], [1, -rho], e, zi=[rho * sd * rng.normal()])[0]
+
+
+def creep(n=100_000):
+    """Time, voltage and noise-free answer: fast rise, then logarithmic creep, released at three quarters."""
+    t = np.arange(n) * 1e-3
+    u = np.where((t >= 2.0) & (t < 0.75e-3 * n), 800.0, 0.0)
+    since = np.clip(t - 2.0, 0, None)
+    y = np.where(u > 0, 100 * (1 - np.exp(-since / 0.004)) + 3 * np.log1p(since / 0.05), 0.0)
+    return t, u, y
+
+
+def answer(u, kind):
+    """Answer of 150 um/kV^2 through a delay, a lag of 4 ms or a resonance at 80 Hz."""
+    x = (u / 1000) ** 2 * 150
+    if kind == "lag":
+        a = np.exp(-1 / 4)
+        return lfilter([1 - a], [1, -a], x)
+    if kind == "ringing":
+        w = 2 * np.pi * 80
+        b, a, _ = cont2discrete(([w * w], [1, 0.1 * w, w * w]), 1e-3, "zoh")
+        return lfilter(b.ravel(), a, x)
+    return np.concatenate([np.full(12, x[0]), x[:-12]]) if kind == "delay" else x
+
+
+T20 = np.arange(20_000) * 1e-3
+ROW = np.arange(20_000)
+DRIVES = {
+    "step": np.where(T20 > 5, 1000.0, 0.0),
+    "rectangle_1Hz": np.where(ROW % 1000 < 500, 1050.0, 250.0),
+    "rectangle_10Hz": np.where(ROW % 100 < 50, 1050.0, 250.0),
+    "sine_10Hz": 650 + 400 * np.sin(2 * np.pi * 10 * T20),
+    "sine_100Hz": 650 + 400 * np.sin(2 * np.pi * 100 * T20),
+    "triangle_2Hz": 250 + 800 * np.abs(2 * ((2 * T20) % 1) - 1),
+    "pulse_5ms": np.where(ROW % 1000 < 5, 1000.0, 0.0),
+}
+
+
+class TestEdges:
+    def test_corners_of_a_rectangle_are_edges(self):
+        np.testing.assert_array_equal(find_edges(DRIVES["rectangle_1Hz"]), np.arange(500, 20_000, 500))
+
+    @pytest.mark.parametrize("name", ["sine_10Hz", "sine_100Hz", "triangle_2Hz"])
+    def test_waves_have_none(self, name):
+        assert find_edges(DRIVES[name]).size == 0
+
+    def test_noise_and_gaps(self):
+        rng = np.random.default_rng(0)
+        u = DRIVES["step"] + rng.normal(0, 2.0, 20_000)
+        u[7_000:7_010] = np.nan
+        np.testing.assert_array_equal(find_edges(u), [5001])
+        assert input_noise(u) == pytest.approx(2.0, rel=0.05)
+        assert find_edges(rng.normal(0, 2, 5000)).size == 0
+        assert find_edges(np.zeros(100)).size == 0
+
+
+class TestDropouts:
+    @pytest.mark.parametrize("rho", [0.0, 0.8, 0.95])
+    def test_false_alarms_on_clean_noise(self, rho):
+        y = ar1(np.random.default_rng(5), 1_000_000, rho)
+        # fewer than 1e-6 a sample: four or more in a million have a chance of 2 % at that rate
+        assert find_dropouts(y, np.zeros(y.size)).sum() <= 3
+
+    @pytest.mark.parametrize("rho", [0.0, 0.8])
+    def test_ten_um_in_one_um_of_noise(self, rho):
+        rng = np.random.default_rng(6)
+        _, u, y = creep()
+        y = y + ar1(rng, y.size, rho)
+        at = rng.choice(y.size, 100, replace=False)
+        y[at] += rng.choice([-1, 1], 100) * rng.choice([10.0, 50.0, 500.0], 100)
+        mask = find_dropouts(y, u)
+        assert mask[at].mean() >= 0.97
+        assert mask.sum() - mask[at].sum() <= 1
+
+    def test_power_in_4_7_um_of_noise(self):
+        rng = np.random.default_rng(7)
+        n = 100_000
+        at = rng.choice(n, 400, replace=False)
+        found = []
+        for size in (4.0, 7.0, 9.0):
+            y = rng.normal(0, 4.7, n)
+            y[at] += size * 4.7 * rng.choice([-1, 1], 400)
+            found.append(find_dropouts(y, np.zeros(n))[at].mean())
+        assert found[0] < 0.2  # what noise does by itself stays
+        assert found[1] > 0.8
+        assert found[2] > 0.97
+
+    @pytest.mark.parametrize("kind", ["direct", "lag", "delay", "ringing"])
+    @pytest.mark.parametrize("drive", sorted(DRIVES))
+    def test_what_the_drive_does_is_not_flagged(self, drive, kind):
+        u = DRIVES[drive]
+        y = answer(u, kind) + np.random.default_rng(8).normal(0, 1.0, u.size)
+        assert find_dropouts(y, u).sum() <= 1
+
+    @pytest.mark.parametrize("drive", ["step", "rectangle_1Hz", "sine_10Hz", "triangle_2Hz"])
+    def test_drop_outs_are_found_under_a_drive(self, drive):
+        rng = np.random.default_rng(9)
+        u = DRIVES[drive]
+        y = answer(u, "lag") + rng.normal(0, 1.0, u.size)
+        at = rng.choice(u.size, 40, replace=False)
+        y[at] += 30
+        mask = find_dropouts(y, u)
+        assert mask[at].mean() > 0.93
+        assert mask.sum() - mask[at].sum() <= 1
+
+    @pytest.mark.parametrize("length", [1, 2, 3, 4])
+    def test_short_runs(self, length):
+        rng = np.random.default_rng(10)
+        _, u, y = creep(30_000)
+        y = y + rng.normal(0, 1.0, y.size)
+        true = np.zeros(y.size, bool)
+        for start in range(300, y.size - 300, 600):
+            true[start:start + length] = True
+        y[true] -= 60
+        mask = find_dropouts(y, u)
+        assert mask[true].mean() > 0.97
+        assert (mask & ~true).sum() <= 2
+
+    def test_a_glitch_that_comes_with_every_edge_is_no_drop_out(self):
+        u = DRIVES["rectangle_1Hz"]
+        y = answer(u, "direct") + np.random.default_rng(11).normal(0, 1.0, u.size)
+        y[find_edges(u) + 2] += 40
+        assert find_dropouts(y, u).sum() <= 1
+
+    def test_nan_and_quantisation(self):
+        rng = np.random.default_rng(12)
+        _, u, y = creep(30_000)
+        y = np.round((y + rng.normal(0, 0.05, y.size)) / 0.33) * 0.33  # noise far below a step
+        y[9_000:9_100] = np.nan
+        assert find_dropouts(y, u).sum() == 0
+        y[12_345] += 12
+        np.testing.assert_array_equal(np.flatnonzero(find_dropouts(y, u)), [12_345])
+
+    def test_too_short_a_record(self):
+        assert not find_dropouts(np.arange(10.0), np.zeros(10)).any()
+
+
+class TestMains:
+    @pytest.mark.parametrize(("base", "frequency"), [(50, 49.97), (60, 60.013)])
+    def test_line_and_harmonic(self, base, frequency):
+        rng = np.random.default_rng(13)
+        t, u, y = creep(60_000)
+        t = t + 1234.5
+        w = 2 * np.pi * frequency
+        line = 3 * np.cos(w * t + 0.7) + 1.5 * np.cos(3 * w * t - 2)
+        found = find_mains(y + ar1(rng, t.size, 0.8, 4.7) + line, t, u)
+        assert found is not None
+        assert found.base_Hz == base
+        assert found.frequency_Hz == pytest.approx(frequency, abs=1e-3)
+        assert [x.harmonic for x in found.lines] == [1, 3]
+        first = found.lines[0]
+        assert abs(first.amplitude - 3) < 4 * first.amplitude_se
+        assert first.amplitude_se < 0.1
+        assert found.coherent
+        rest = line - found.signal(t)
+        assert np.sqrt(np.mean(rest**2)) < 0.05 * np.sqrt(np.mean(line**2))
+
+    def test_standard_error_is_what_repetitions_show(self):
+        rng = np.random.default_rng(14)
+        t = np.arange(20_000) * 1e-3
+        found = [find_mains(ar1(rng, t.size, 0.5, 2.0) + np.cos(2 * np.pi * 50.02 * t), t) for _ in range(40)]
+        assert all(m is not None for m in found)
+        amplitudes = [m.amplitude for m in found]
+        assert np.mean(amplitudes) == pytest.approx(1.0, abs=0.03)
+        assert 0.7 < np.std(amplitudes) / np.mean([m.lines[0].amplitude_se for m in found]) < 1.4
+
+    @pytest.mark.parametrize("rho", [0.0, 0.8, 0.95])
+    def test_false_alarms_are_as_stated(self, rho):
+        rng = np.random.default_rng(15)
+        t = np.arange(5_000) * 1e-3
+        hits = sum(find_mains(ar1(rng, t.size, rho), t, false_alarm=0.05) is not None for _ in range(300))
+        assert hits <= 27  # binomial(300, 0.05): 99.9 % lie at or below
+
+    @pytest.mark.parametrize("drive", ["rectangle_1Hz", "rectangle_10Hz", "sine_10Hz", "triangle_2Hz", "step"])
+    @pytest.mark.parametrize("kind", ["lag", "ringing"])
+    def test_harmonics_of_the_drive_are_not_mains(self, drive, kind):
+        u = DRIVES[drive]
+        x = answer(u, kind)
+        e = (x - x.mean()) / 100
+        x = x + 3 * e**3 + 0.5 * e**5 + 2 * np.sign(np.gradient(x))  # stiffening and friction
+        y = x + np.random.default_rng(16).normal(0, 0.5, u.size)
+        assert find_mains(y, T20, u) is None
+
+    def test_a_drive_at_fifty_hertz_is_not_mains(self):
+        u = 650 + 400 * np.sin(2 * np.pi * 50 * T20)
+        assert find_mains(answer(u, "lag") + np.random.default_rng(17).normal(size=u.size), T20, u) is None
+
+    @pytest.mark.parametrize("drive", ["rectangle_1Hz", "triangle_2Hz", "step"])
+    def test_mains_under_a_drive(self, drive):
+        u = DRIVES[drive]
+        y = answer(u, "lag") + np.random.default_rng(18).normal(size=u.size)
+        found = find_mains(y + 3 * np.cos(2 * np.pi * 50.02 * T20), T20, u)
+        assert found is not None
+        assert found.amplitude == pytest.approx(3, rel=0.1)
+
+    def test_drop_outs_and_gaps_do_no_harm(self):
+        rng = np.random.default_rng(19)
+        y = rng.normal(size=T20.size) + np.cos(2 * np.pi * 50 * T20)
+        mask = rng.random(y.size) < 1e-3
+        y[mask] += 300
+        y[4_000:4_050] = np.nan
+        found = find_mains(y, T20, mask=mask)
+        assert found is not None
+        assert found.amplitude == pytest.approx(1, rel=0.1)
+
+    def test_wandering_line_is_found_and_called_so(self):
+        t = np.arange(200_000) * 1e-3
+        wander = 2 * np.pi * np.cumsum(50 + 0.02 * np.sin(2 * np.pi * t / 120)) * 1e-3
+        found = find_mains(np.random.default_rng(20).normal(size=t.size) + np.cos(wander), t)
+        assert found is not None
+        assert not found.coherent
+
+    def test_slow_records_have_no_such_band(self):
+        t = np.arange(1000) * 0.02
+        assert find_mains(np.random.default_rng(0).normal(size=1000), t) is None
+
+
+class TestQuiet:
+    @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 0.95, -0.4])
+    def test_sd_and_correlation_despite_creep_and_drop_outs(self, rho):
+        rng = np.random.default_rng(21)
+        t, u, y = creep(200_000)
+        y = y + ar1(rng, t.size, rho, 4.7)
+        y[rng.random(t.size) < 1e-3] += 100
+        q = quiet_noise(np.round(y / 0.15) * 0.15, u, t)
+        assert q.n > 100_000
+        assert q.sd == pytest.approx(4.7, rel=0.03)
+        assert q.rho == pytest.approx(rho, abs=0.01)
+        np.testing.assert_allclose(q.autocorrelation, rho ** np.arange(21.0), atol=0.03)
+
+    def test_short_plateaus(self):
+        rng = np.random.default_rng(22)
+        u = DRIVES["rectangle_1Hz"]
+        q = quiet_noise(answer(u, "lag") + ar1(rng, u.size, 0.8), u, T20)
+        assert q.n > 1000
+        assert q.sd == pytest.approx(1.0, rel=0.15)
+        assert q.rho == pytest.approx(0.8, abs=0.05)
+
+    def test_without_rest_it_says_so(self):
+        u = DRIVES["sine_10Hz"]
+        q = quiet_noise(answer(u, "lag") + np.random.default_rng(23).normal(size=u.size), u, T20)
+        assert q.n == 0
+        assert q.sd == pytest.approx(1.0, rel=0.05)
+        assert "constant input" in q.warnings[0]
+
+    def test_nothing_scatters(self):
+        t, u, _ = creep(20_000)
+        assert quiet_noise(np.zeros(t.size), u, t).sd == 0
+
+
+class TestFlat:
+    def test_clipped_and_stuck(self):
+        rng = np.random.default_rng(24)
+        y = np.minimum(100 * np.sin(2 * np.pi * T20) + rng.normal(size=T20.size), 80.0)
+        flats = find_flat(y)
+        assert {f.kind for f in flats} == {"clipped"}
+        assert all(f.value == 80.0 for f in flats)
+        assert "clipped" in flat_warning(flats, "a.csv")
+        z = np.round(rng.normal(size=10_000) / 0.15) * 0.15
+        z[3000:3040] = z[3000]
+        (stuck,) = find_flat(z)
+        assert stuck.kind == "stuck"
+        assert 2995 < stuck.start <= 3000 < 3040 <= stuck.stop < 3045
+
+    def test_quantised_noise_is_neither(self):
+        rng = np.random.default_rng(25)
+        for step in (0.15, 1.0, 5.0, 20.0):
+            assert find_flat(np.round(rng.normal(size=20_000) / step) * step) == ()
+        assert flat_warning((), "a.csv") is None
+
+
+def test_speed():
+    """Each finder takes well under a second on 720,000 samples (about 0.1 to 0.25 s on an idle core)."""
+    t, u, y = creep(720_000)
+    y = y + np.random.default_rng(26).normal(0, 4.7, t.size) + 3 * np.cos(2 * np.pi * 50 * t)
+    for call in (lambda: find_dropouts(y, u), lambda: find_mains(y, t, u), lambda: quiet_noise(y, u, t)):
+        call()
+        best = np.inf
+        for _ in range(3):
+            start = time.perf_counter()
+            call()
+            best = min(best, time.perf_counter() - start)
+        assert best < 0.6
