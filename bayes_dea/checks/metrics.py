@@ -75,7 +75,8 @@ def pit_uniformity(values: ArrayLike) -> UniformityTest:
     """Whether PIT values are uniform, dependence taken into account.
 
     Samples of one recording are dependent; the test counts n divided by the integrated autocorrelation time
-    of the values, which is on the safe side (under AR(1) of 0.8 it rejects less often than stated). On a handful of effective samples it says little.
+    of the values, which is on the safe side (under AR(1) of 0.8 it rejects less often than stated). On a
+    handful of effective samples it says little.
     """
     from scipy.special import kolmogorov
 
@@ -98,14 +99,18 @@ def autocorrelation(residuals: ArrayLike, lags: int | None = None) -> Array:
 
     Each lag is divided by its number of pairs (so gaps do no harm). Shape (lags + 1,); nan where no pair is.
     """
+    return _autocorrelation(np.asarray(residuals, dtype=float), lags)[0]
+
+
+def _autocorrelation(x: Array, lags: int | None) -> tuple[Array, Array]:
+    """Autocorrelation and the number of pairs at each lag."""
     from scipy import fft
 
-    x = np.asarray(residuals, dtype=float)
     good = np.isfinite(x)
     n = x.size
     lags = n - 1 if lags is None else min(lags, n - 1)
     if not good.any() or n < 2:
-        return np.full(max(lags, 0) + 1, np.nan)
+        return np.full(max(lags, 0) + 1, np.nan), np.zeros(max(lags, 0) + 1)
     centred = np.where(good, x - x[good].mean(), 0.0)
     if lags <= 64:
         products = np.array([centred[:n - k] @ centred[k:] for k in range(lags + 1)])
@@ -122,7 +127,7 @@ def autocorrelation(residuals: ArrayLike, lags: int | None = None) -> Array:
             pairs = np.rint(fft.irfft(spectrum.real**2 + spectrum.imag**2, size)[:lags + 1])
     with np.errstate(divide="ignore", invalid="ignore"):
         gamma = np.where(pairs > 0, products / pairs, np.nan)
-        return gamma / gamma[0]
+        return gamma / gamma[0], pairs
 
 
 def integrated_time(residuals: ArrayLike) -> float:
@@ -188,8 +193,9 @@ def ljung_box(residuals: ArrayLike, lags: int = 20) -> TestResult:
     n = int(np.count_nonzero(np.isfinite(x)))
     if n <= lags + 1:
         return TestResult(math.nan, math.nan)
-    rho = np.nan_to_num(autocorrelation(x, lags)[1:])
-    q = n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, lags + 1))))
+    rho, pairs = _autocorrelation(x, lags)
+    # the textbook form has rho divided by n at every lag; here each lag has its own number of pairs
+    q = (n + 2) / n * float(np.nansum(pairs[1:] * rho[1:] ** 2))
     return TestResult(q, float(gammaincc(lags / 2, q / 2)))
 
 

@@ -25,6 +25,7 @@ from bayes_dea.errors import InputError, NotConvergedWarning
 from bayes_dea.fit.diagnostics import ess, integrated_time, rank_rhat
 
 Array = NDArray[np.float64]
+_BLOCK = 20  # steps between looks at the clock
 LogProb = Callable[[Array], Array]
 Derived = Callable[[Array], dict[str, Array]]
 
@@ -59,8 +60,8 @@ class EnsembleSettings:
         weights = (self.de_weight, self.jump_weight, self.stretch_weight)
         if min(weights) < 0.0 or sum(weights) <= 0.0:
             raise InputError(f"move weights {weights}: none may be negative, one must be positive")
-        if self.check_every < 10 or self.max_steps < 1 or self.max_stored < 100:
-            raise InputError("sampler: check_every must be 10 or more, max_steps 1, max_stored 100")
+        if self.check_every % _BLOCK or self.check_every < _BLOCK or self.max_steps < 1 or self.max_stored < 100:
+            raise InputError("sampler: check_every must be a multiple of 20, max_steps 1, max_stored 100")
 
 
 @dataclass(frozen=True)
@@ -153,23 +154,30 @@ def sample(
         if rng is None:
             raise InputError("sampler: rng is needed to start; pass numpy.random.default_rng(seed)")
         store = _Store.new(start, _initial(density, start), rng)
+    checks = _check_steps(s)
     samplers = [_emcee(density, w, d, s) for _ in range(e)]
     began = last_saved = time.monotonic()
     verdict = _Verdict.nothing(d, e)
     reason = ""
-    if store.step:
-        verdict = _judge(store, s, labels, derived)
-        reason = _ended(verdict, store, s, began)
-    while not reason:
-        n = min(s.check_every, s.max_steps - store.step)
+    while True:
+        # A limit is looked at after every block, the stopping rule only at the steps meant for it: a run
+        # that was cut and resumed in between must come to the same decisions.
+        limit = _limit(store.step, s, began)
+        if limit or store.step in checks:
+            verdict = _judge(store, s, labels, derived, final=bool(limit))
+            if verdict.converged:
+                reason = "converged"
+            elif limit:
+                reason = f"stopped at {limit}: {verdict.lacking}"
+        if reason:
+            break
+        n = min(_BLOCK - store.step % _BLOCK, s.max_steps - store.step)
         for k, sampler in enumerate(samplers):
             store.run(k, sampler, n)
         store.finish_block(n, s.max_stored)
-        verdict = _judge(store, s, labels, derived)
-        reason = _ended(verdict, store, s, began)
         store.evaluations, store.nan_count = density.evaluations, density.nan_count
         now = time.monotonic()
-        if checkpoint is not None and (reason or now - last_saved >= s.checkpoint_seconds):
+        if checkpoint is not None and now - last_saved >= s.checkpoint_seconds:
             store.save(Path(checkpoint), key)
             last_saved = now
         if report is not None:
@@ -177,6 +185,8 @@ def sample(
             tau = float(np.max(verdict.tau)) if np.all(np.isfinite(verdict.tau)) else np.nan
             rate = float(np.mean(store.accepted) / store.step)
             report(Progress(store.step, s.max_steps, now - began, tau, worst, rate, density.evaluations))
+    if checkpoint is not None:
+        store.save(Path(checkpoint), key)
     if density.nan_count:
         warnings.warn(
             f"log density was nan (or +inf) at {density.nan_count} of {density.evaluations} points; "
@@ -262,8 +272,8 @@ class _Store:
     coords: Array  # (e, w, d)
     values: Array  # (e, w)
     random: list[Any]
-    chain: list[Array]  # of (steps, w, d), by ensemble
-    log_prob: list[Array]  # of (steps, w)
+    chain: list[list[Array]]  # by ensemble, blocks (steps, w, d)
+    log_prob: list[list[Array]]  # by ensemble, blocks (steps, w)
     accepted: NDArray[np.int64]  # (e, w)
     step: int = 0
     thin: int = 1
@@ -276,8 +286,8 @@ class _Store:
         # emcee takes no seed, only a state of the old Mersenne twister; the global one is left alone.
         random = [np.random.RandomState(rng.integers(2**32, size=16)).get_state() for _ in range(e)]
         return _Store(
-            start.copy(), values.copy(), random, [np.empty((0, w, d))] * e, [np.empty((0, w))] * e,
-            np.zeros((e, w), np.int64),
+            start.copy(), values.copy(), random, [[np.empty((0, w, d))] for _ in range(e)],
+            [[np.empty((0, w))] for _ in range(e)], np.zeros((e, w), np.int64),
         )  # fmt: skip
 
     def run(self, k: int, sampler: Any, n: int) -> None:
@@ -298,22 +308,30 @@ class _Store:
                 kept_lp.append(lp)
         self.coords[k], self.values[k], self.random[k] = x, lp, sampler.random_state
         if kept_x:
-            self.chain[k] = np.concatenate([self.chain[k], np.array(kept_x)])
-            self.log_prob[k] = np.concatenate([self.log_prob[k], np.array(kept_lp)])
+            self.chain[k].append(np.array(kept_x))
+            self.log_prob[k].append(np.array(kept_lp))
+
+    def stored(self) -> tuple[Array, Array]:
+        """Stored steps so far: chain (e, steps, w, d), log_prob (e, steps, w)."""
+        self.chain = [[np.concatenate(blocks)] for blocks in self.chain]
+        self.log_prob = [[np.concatenate(blocks)] for blocks in self.log_prob]
+        return np.array([c[0] for c in self.chain]), np.array([p[0] for p in self.log_prob])
 
     def finish_block(self, n: int, max_stored: int) -> None:
         self.step += n
-        if len(self.chain[0]) > max_stored:
+        if self.step // self.thin > max_stored:
             # Stored steps are thin, 2 thin, 3 thin, ...; every second one stays a multiple of twice that.
-            self.chain = [c[1::2].copy() for c in self.chain]
-            self.log_prob = [c[1::2].copy() for c in self.log_prob]
+            chain, log_prob = self.stored()
+            self.chain = [[c[1::2].copy()] for c in chain]
+            self.log_prob = [[p[1::2].copy()] for p in log_prob]
             self.thin *= 2
 
     def save(self, path: Path, key: str) -> None:
         """Write beside the target, then rename: a kill leaves the old file or the new one, never half."""
+        chain, log_prob = self.stored()
         arrays: dict[str, Any] = {
             "coords": self.coords, "values": self.values, "accepted": self.accepted,
-            "chain": np.array(self.chain), "log_prob": np.array(self.log_prob),
+            "chain": chain, "log_prob": log_prob,
             "mt_keys": np.array([r[1] for r in self.random]),
             "mt_rest": np.array([[r[2], r[3]] for r in self.random], np.int64),
             "mt_gauss": np.array([r[4] for r in self.random]),
@@ -349,11 +367,11 @@ class _Store:
             ]
             step, thin, evaluations, nan_count = (int(v) for v in a["counts"])
             return _Store(
-                a["coords"], a["values"], random, list(a["chain"]), list(a["log_prob"]), a["accepted"],
-                step, thin, evaluations, nan_count,
+                a["coords"], a["values"], random, [[c] for c in a["chain"]], [[p] for p in a["log_prob"]],
+                a["accepted"], step, thin, evaluations, nan_count,
             )  # fmt: skip
         except (KeyError, ValueError, OSError, EOFError) as error:
-            raise InputError(f"{path}: not a checkpoint of the sampler ({error}); start without it") from error
+            raise InputError(f"{path}: not a checkpoint of a sampler ({error}); start without it") from error
 
 
 def _fingerprint(start: Array, s: EnsembleSettings) -> str:
@@ -383,11 +401,29 @@ class _Verdict:
         )
 
 
-def _judge(store: _Store, s: EnsembleSettings, names: tuple[str, ...], derived: Derived | None) -> _Verdict:
+def _check_steps(s: EnsembleSettings) -> set[int]:
+    """Steps at which the stopping rule is looked at: ever further apart, as a look costs more each time."""
+    steps, k = set(), 1
+    while k * s.check_every <= s.max_steps:
+        steps.add(k * s.check_every)
+        k = max(k + 1, int(np.ceil(1.1 * k)))
+    return steps
+
+
+def _limit(step: int, s: EnsembleSettings, began: float) -> str:
+    if step >= s.max_steps:
+        return f"max_steps = {s.max_steps}"
+    if s.max_seconds is not None and time.monotonic() - began >= s.max_seconds:
+        return f"max_seconds = {s.max_seconds:g}"
+    return ""
+
+
+def _judge(
+    store: _Store, s: EnsembleSettings, names: tuple[str, ...], derived: Derived | None, final: bool
+) -> _Verdict:
     """Burn-in, tau, and the stopping rule; the dear parts only once the cheap ones are met or at the end."""
-    chain, log_prob = np.array(store.chain), np.array(store.log_prob)
+    chain, log_prob = store.stored()
     e, n, _, d = chain.shape
-    last = store.step >= s.max_steps
     if n < 8:
         verdict = _Verdict.nothing(d, e)
         return replace(verdict, chains=chain, log_prob=log_prob, lacking="fewer than 8 steps stored")
@@ -406,7 +442,7 @@ def _judge(store: _Store, s: EnsembleSettings, names: tuple[str, ...], derived: 
         f"{kept.shape[1] * store.thin} steps after burn-in, {s.tau_factor:g} autocorrelation times "
         f"would be {s.tau_factor * limit * store.thin:.0f}",
     )  # fmt: skip
-    if not long_enough and not last:
+    if not long_enough and not final:
         return verdict
     quantities = {name: draws[..., i] for i, name in enumerate(names)}
     if derived is not None:
@@ -433,13 +469,3 @@ def _judge(store: _Store, s: EnsembleSettings, names: tuple[str, ...], derived: 
             lacking = f"{kind} ESS of {name} is {table[name]:.0f}, below {s.ess_limit:g}"
             return replace(verdict, lacking=lacking)
     return replace(verdict, ess_bulk=bulk, ess_tail=tail, converged=True, lacking="")
-
-
-def _ended(verdict: _Verdict, store: _Store, s: EnsembleSettings, began: float) -> str:
-    if verdict.converged:
-        return "converged"
-    if store.step >= s.max_steps:
-        return f"stopped at max_steps = {s.max_steps}: {verdict.lacking}"
-    if s.max_seconds is not None and time.monotonic() - began >= s.max_seconds:
-        return f"stopped at max_seconds = {s.max_seconds:g}: {verdict.lacking}"
-    return ""

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Model = Callable[[Array, Any], Array]
 
 
-# A ring passes the news on slowly: swarms find narrow basins several times as often as with random informants.
+# A ring passes the news on slowly: its swarms find narrow basins several times as often.
 _SWARM = SwarmSettings(max_iterations=200, stall_iterations=15, topology="ring")
 _ESCAPE = EscapeSettings()
 

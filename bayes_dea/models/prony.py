@@ -6,9 +6,11 @@ that relaxes with tau_i (Tschoegl 1989, The Phenomenological Theory of Linear Vi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.errors import InputError
@@ -83,17 +85,25 @@ class Prony:
             raise InputError("Prony stress: time must rise and all values must be finite; cut gaps out first")
         if t.size == 0:
             return np.empty(0)
-        weight = self.E0_Pa * self.shares
-        branch = weight * eps[0]
-        out = np.empty(t.size)
-        out[0] = float(branch.sum())
-        for i in range(1, t.size):
-            dt = t[i] - t[i - 1]
-            x = dt / self.tau_s
-            relaxed = -np.expm1(-x)
-            branch = branch - relaxed * branch + weight * (relaxed / x) * (eps[i] - eps[i - 1])
-            out[i] = float(branch.sum())
-        return self.E_inf_Pa * eps + out
+        return self.E_inf_Pa * eps + _branches(t, eps, self.E0_Pa * self.shares, self.tau_s)
+
+
+@njit(cache=True)
+def _branches(t, eps, weight, tau):
+    """Sum of the branch stresses at each time."""
+    branch = weight * eps[0]
+    out = np.empty(t.size)
+    out[0] = branch.sum()
+    for i in range(1, t.size):
+        rise = eps[i] - eps[i - 1]
+        total = 0.0
+        for j in range(tau.size):
+            x = (t[i] - t[i - 1]) / tau[j]
+            relaxed = -math.expm1(-x)
+            branch[j] += weight[j] * (relaxed / x) * rise - relaxed * branch[j]
+            total += branch[j]
+        out[i] = total
+    return out
 
 
 def fit_relaxation(time_s: ArrayLike, modulus_Pa: ArrayLike, tau_s: ArrayLike, *, relative: bool = True,

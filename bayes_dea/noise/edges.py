@@ -50,7 +50,12 @@ def find_edges(u: ArrayLike, share: float = 0.02, contrast: float = 4.0, reach: 
     offsets = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
     around = candidates[:, None] + offsets
     inside = (around >= 0) & (around < change.size)
-    sizes = np.where(inside, change[np.clip(around, 0, change.size - 1)], 0.0)
+    sizes = np.where(inside, change[np.clip(around, 0, change.size - 1)], np.nan)
     # each side alone: in a rectangle of few samples a half-period the other edge is a neighbour
-    quiet = np.minimum(np.median(sizes[:, :reach], axis=1), np.median(sizes[:, reach:], axis=1))
+    quiet = np.full(candidates.size, np.inf)
+    for side in (slice(0, reach), slice(reach, 2 * reach)):
+        # at the ends of the recording only one side may exist
+        there = inside[:, side].any(axis=1)
+        quiet[there] = np.minimum(quiet[there], np.nanmedian(sizes[there, side], axis=1))
+    quiet[np.isinf(quiet)] = 0.0
     return good[candidates[change[candidates] > contrast * quiet] + 1].astype(np.int64)

@@ -51,8 +51,8 @@ def test_standard_normal_residuals(z):
 
 
 @pytest.mark.parametrize("figure", [
-    m.rmse, lambda r: m.r2(r + np.where(np.isfinite(r), 1.0, np.nan), r * 0.5), lambda r: m.reduced_chi2(r, 1.3),
-    lambda r: m.coverage(r, 0, 1, 0.5), lambda r: m.runs_test(r).p_value])
+    m.rmse, lambda r: m.r2(r + np.where(np.isfinite(r), 1.0, np.nan), r * 0.5),
+    lambda r: m.reduced_chi2(r, 1.3), lambda r: m.coverage(r, 0, 1, 0.5), lambda r: m.runs_test(r).p_value])
 def test_gaps_change_nothing(z, figure):
     assert figure(with_gaps(z)) == pytest.approx(figure(z), rel=1e-12)
 

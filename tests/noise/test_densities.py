@@ -23,13 +23,14 @@ def test_parameters_broadcast_against_draws():
 
 def test_ar1_is_the_dense_normal():
     cov = 0.49 * 0.7 ** np.abs(np.subtract.outer(np.arange(30), np.arange(30)))
-    assert d.ar1(R, 0.7, 0.7) == pytest.approx(stats.multivariate_normal(np.zeros(30), cov).logpdf(R), abs=1e-10)
+    expected = stats.multivariate_normal(np.zeros(30), cov).logpdf(R)
+    assert d.ar1(R, 0.7, 0.7) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize("value", [
-    d.gaussian(R, 0.0), d.gaussian(R, -1.0), d.student_t(R, -1.0, 1.0), d.ar1(R, 1.0, 1.0), d.ar1(R, 0.2, np.nan),
-    d.multiplicative(R, R, 1.0, -1.0), d.constant_and_multiplicative(R, R, 0.1, 1.0, -0.1),
-    d.censored(R, R, 0.0), d.interval(R, -0.1, 0.1)])
+    d.gaussian(R, 0.0), d.gaussian(R, -1.0), d.student_t(R, -1.0, 1.0), d.ar1(R, 1.0, 1.0),
+    d.ar1(R, 0.2, np.nan), d.multiplicative(R, R, 1.0, -1.0),
+    d.constant_and_multiplicative(R, R, 0.1, 1.0, -0.1), d.censored(R, R, 0.0), d.interval(R, -0.1, 0.1)])
 def test_outside_the_domain_is_minus_infinity(value):
     assert value == -np.inf
 

@@ -192,13 +192,14 @@ class TestMains:
         hits = sum(find_mains(ar1(rng, t.size, rho), t, false_alarm=0.05) is not None for _ in range(300))
         assert hits <= 27  # binomial(300, 0.05): 99.9 % lie at or below
 
-    @pytest.mark.parametrize("drive", ["rectangle_1Hz", "rectangle_10Hz", "sine_10Hz", "triangle_2Hz", "step"])
     @pytest.mark.parametrize("kind", ["lag", "ringing"])
+    @pytest.mark.parametrize("drive", [
+        "rectangle_1Hz", "rectangle_10Hz", "sine_10Hz", "triangle_2Hz", "step"])
     def test_harmonics_of_the_drive_are_not_mains(self, drive, kind):
         u = DRIVES[drive]
         x = answer(u, kind)
         e = (x - x.mean()) / 100
-        x = x + 3 * e**3 + 0.5 * e**5 + 2 * np.sign(np.gradient(x))  # stiffening and friction
+        x = x + 3 * e**3 + 0.5 * e**5 + 2 * np.tanh(10 * np.gradient(x))  # stiffening and friction
         y = x + np.random.default_rng(16).normal(0, 0.5, u.size)
         assert find_mains(y, T20, u) is None
 

@@ -1,0 +1,221 @@
+"""From a campaign and a model to a posterior: masks, noise terms, groups, what is left out and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .campaign.schema import Campaign, Recording, Sensor
+from .errors import InputError
+from .likelihood.block_group import BlockGroup, build_block_groups
+from .likelihood.linear_group import LinearGroup, build_linear_groups
+from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
+from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes
+from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
+from .models.model import Model, build_model
+from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
+from .simulate import simulate
+
+_UNITS = {"displacement": "m", "force": "N"}
+#: the slack before contact, as a share of the stack height: centre and sd of its prior
+_SLACK_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class Assembled:
+    """A posterior and what it was made of."""
+
+    campaign: Campaign
+    posterior: Posterior
+    prepared: tuple[Prepared, ...]
+    terms: Mapping[str, NoiseTerms]
+    search_model: Model
+    search_groups: tuple[LinearGroup, ...]
+    warnings: tuple[str, ...]
+
+    def refresh(self, posterior: Posterior, q: NDArray) -> Posterior:
+        """The posterior with its within-block reference moved to the coordinates q (d,)."""
+        return with_reference(posterior, q)
+
+    @property
+    def has_blocks(self) -> bool:
+        """Whether anything is fitted through block means."""
+        return any(isinstance(g, BlockGroup) for g in self.posterior.groups)
+
+
+def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
+    """Posterior of `model` on the recordings of `campaign` with role identify; those to validate are carried along.
+
+    Raises InputError when geometry or sensors that the model needs are missing, or nothing is left to fit.
+    """
+    warnings: list[str] = list(campaign.warnings)
+    used = _usable(campaign, model, warnings)
+    for r in used:
+        if r.is_voltage:
+            require(r.actuator, VOLTAGE_GEOMETRY, f"{r.name} (a voltage recording)")
+        else:
+            require(r.actuator, ("stack_height_m", "total_area_m2"), f"{r.name} (a mechanical recording)")
+    prepared = prepare_all(campaign, used, workers)
+    for p in prepared:
+        warnings += _disturbances(p)
+    voltage = tuple(p for p in prepared if p.recording.is_voltage)
+    mechanical = tuple(p for p in prepared if p.recording.is_mechanical)
+    terms: dict[str, NoiseTerms] = {}
+    channels = []
+    if voltage:
+        terms.update(_voltage_terms(voltage, warnings))
+        channels.append(_channel(voltage, terms, "displacement", warnings))
+    if mechanical:
+        terms.update(_force_terms(campaign, mechanical, warnings))
+        channels.append(_channel(mechanical, terms, "force", warnings))
+    rates = {c.channel: c.rates for c in channels}
+    linear: list[LinearGroup] = []
+    if voltage:
+        linear = build_linear_groups(voltage, terms, rates["displacement"], workers)
+    groups: list[LinearGroup | BlockGroup] = []
+    if voltage:
+        groups += linear if model.is_linear else build_block_groups(voltage, terms, rates["displacement"], "displacement")
+    if mechanical:
+        groups += build_block_groups(mechanical, terms, rates["force"], "force")
+    zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
+    posterior = Posterior(model, tuple(groups), tuple(channels), zeros)
+    search_model = model if model.is_linear else linearised(model)
+    return Assembled(campaign, posterior, prepared, terms, search_model, tuple(g for g in linear if g.fitted),
+                     tuple(dict.fromkeys(warnings)))
+
+
+def _usable(campaign: Campaign, model: Model, warnings: list[str]) -> tuple[Recording, ...]:
+    used = []
+    for r in campaign.recordings:
+        if r.is_voltage or (r.is_mechanical and not model.is_black_box):
+            used.append(r)
+        elif r.is_mechanical:
+            warnings.append(f"{r.name}: {model.name} is a black box from voltage to displacement and knows no force; "
+                            "the recording was left out")
+        else:
+            warnings.append(f"{r.name}: kind '{r.kind}' was read but says nothing to {model.name}; it was left out")
+    if not any(r.role == "identify" for r in used):
+        raise InputError(f"{campaign.name}: no recording with role = \"identify\" that {model.name} can be fitted to; "
+                         "give at least one in campaign.toml")
+    return tuple(used)
+
+
+def linearised(model: Model) -> Model:
+    """Hooke's law with the same network: where the search for a nonlinear law starts."""
+    network = f"+{model.spec.network}{model.spec.elements}" if model.spec.network != "none" else ""
+    linear = build_model(f"hooke{network}")
+    own = {p.name: p for p in model.parameters}
+    kept = {p.name: own[p.name].prior for p in linear.parameters
+            if p.name in own and not own[p.name].fixed and own[p.name].prior.relative_to is None and own[p.name].prior.is_log}
+    return build_model(f"hooke{network}", kept)
+
+
+def _disturbances(p: Prepared) -> list[str]:
+    out = []
+    if p.dropouts:
+        out.append(f"{p.name}: {p.dropouts} drop-outs ({p.dropouts / p.y.size:.2g} of the samples) were found and masked")
+    if p.mains is not None:
+        out.append(f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
+                   f"{_UNITS[p.channel]} was found and is modelled")
+    return out
+
+
+def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[str, NoiseTerms]:
+    largest = max(p.signal() for p in prepared)
+    quiet = float(np.median([p.quiet_sd for p in prepared]))
+    out = {}
+    for p in prepared:
+        out[p.name] = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet)
+        warnings += out[p.name].warnings
+    return out
+
+
+def _force_terms(campaign: Campaign, prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[str, NoiseTerms]:
+    largest = max(p.signal() for p in prepared)
+    quiet = float(np.median([p.quiet_sd for p in prepared]))
+    position = campaign.sensors.get("position", Sensor())
+    stiffness = float(np.median([_stiffness(p) for p in prepared]))
+    travel = max(float(np.nanmax(p.recording.columns["position_m"]) - np.nanmin(p.recording.columns["position_m"]))
+                 for p in prepared)
+    carried = force_noise_from_position(position, stiffness, travel)
+    out = {}
+    for p in prepared:
+        terms = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet, channel="force")
+        # the systematic part of the position is the zero, which is a parameter of its own
+        out[p.name] = terms.plus_position(replace(carried, offset_sd_N=0.0))
+        warnings += out[p.name].warnings
+    return out
+
+
+def _stiffness(p: Prepared) -> float:
+    """Slope of force over position between the extremes of the force, in N/m."""
+    x = filled_input(p.recording.columns["position_m"])[p.observed]
+    f = p.y[p.observed]
+    high, low = np.quantile(f, 0.98), np.quantile(f, 0.3)
+    travel = abs(np.median(x[f >= high]) - np.median(x[f <= low]))
+    return float(max(abs(high - low) / max(travel, 1e-9), 1e-9))
+
+
+def _channel(prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], channel: str,
+             warnings: list[str]) -> ChannelNoise:
+    rates = rate_classes(prepared)
+    fitted = [p for p in prepared if p.recording.role == "identify"] or list(prepared)
+    first = terms[fitted[0].name]
+    sd = float(np.median([p.quiet_sd for p in fitted]))
+    guess = []
+    for i in range(len(rates.steps_s)):
+        members = [p.quiet_rho for p in fitted if rates.of(p) == i and np.isfinite(p.quiet_rho)]
+        guess.append(float(np.median(members)) if members else 0.0)
+    if sd > 2.5 * first.sigma_median or sd < first.sigma_median / 2.5:
+        warnings.append(f"[sensor.{channel}] states a fluctuation of {first.sigma_median:.3g} {_UNITS[channel]}; quiet "
+                        f"stretches of the recordings scatter by {sd:.3g}. The recordings decide, but check the statement.")
+    return ChannelNoise(channel, _UNITS[channel], first.sigma_median, first.sigma_log_sd, rates,
+                        sd if np.isfinite(sd) and sd > 0 else first.sigma_median, tuple(guess))
+
+
+def _zero_prior(p: Prepared) -> ZeroPrior:
+    position = filled_input(p.recording.columns["position_m"])
+    height = p.recording.actuator.stack_height_m or 1.0
+    force = p.y[p.observed]
+    sign = 1.0 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1.0
+    sd = _SLACK_SHARE * height
+    return ZeroPrior(p.name, f"zero_{_identifier(p.name)}_m", float(position[0]) + sign * sd, sd)
+
+
+def _identifier(name: str) -> str:
+    stem = name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+    return "".join(ch if ch.isalnum() else "_" for ch in stem)
+
+
+def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
+    """The posterior whose block groups take the level and correlation of the noise from the full residual at q."""
+    q = np.atleast_2d(q)
+    values = {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(q)).items()}
+    zeros = {k: float(v[0]) for k, v in posterior.zeros_part(q).items()}
+    groups: list[LinearGroup | BlockGroup] = []
+    for group in posterior.groups:
+        if isinstance(group, LinearGroup):
+            groups.append(group)
+            continue
+        sigma, rho = posterior.noise_part(q, group.channel)
+        gain = float(group.evaluate(posterior.model, posterior.model_part(q), posterior.zeros_part(q), sigma, rho)[0, 1])
+        residuals = {}
+        for record in group.records:
+            p = record.prepared
+            if p.recording.role != "identify":
+                continue
+            x = (1 + gain) * simulate(posterior.model, values, p.recording, zeros.get(p.name))
+            residuals[p.name] = remove_nuisance(p, p.y - x)
+        groups.append(group.with_reference(residuals))
+    return replace(posterior, groups=tuple(groups))
+
+
+def remove_nuisance(p: Prepared, residual: NDArray) -> NDArray:
+    """A residual without the offset and the mains line that fit it best."""
+    N = p.nuisance()
+    good = p.observed & np.isfinite(residual)
+    coefficient, *_ = np.linalg.lstsq(N[good], residual[good], rcond=None)
+    return residual - N @ coefficient
