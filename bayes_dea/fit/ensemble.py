@@ -60,8 +60,10 @@ class EnsembleSettings:
         weights = (self.de_weight, self.jump_weight, self.stretch_weight)
         if min(weights) < 0.0 or sum(weights) <= 0.0:
             raise InputError(f"move weights {weights}: none may be negative, one must be positive")
-        if self.check_every % _BLOCK or self.check_every < _BLOCK or self.max_steps < 1 or self.max_stored < 100:
-            raise InputError("sampler: check_every must be a multiple of 20, max_steps 1, max_stored 100")
+        if self.check_every % _BLOCK or self.check_every < _BLOCK:
+            raise InputError(f"sampler: check_every must be a multiple of {_BLOCK}, not {self.check_every}")
+        if self.max_steps < 1 or self.max_stored < 100:
+            raise InputError("sampler: max_steps must be at least 1, max_stored at least 100")
 
 
 @dataclass(frozen=True)

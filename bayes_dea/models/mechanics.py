@@ -44,8 +44,9 @@ PATH_TOLERANCE = 2e-8
 TANGENT_RADIUS = 3e-6
 #: the stretch is sought between these strains; a law that finds no balance there gives nan
 _E_LOW, _E_HIGH = -20.0, 1.0
-#: rows of the work array: tau, then per step length decay, loss, mean weight, end weight
+#: rows of the table of a step length, see _branch_tables
 _LOSS, _MEAN, _END = 0, 1, 2
+#: h/tau below which a series is used
 _SERIES = 0.25
 
 _jit = njit(cache=True, error_model="numpy")
@@ -139,7 +140,7 @@ def _law_near(law_id: int, p: Array, e: float, e_c: float, s_c: float, t_c: floa
     return e_c, s_c, t_c
 
 
-@_inline
+@_jit
 def _shorter(h: float, error: float) -> float:
     """Next step length for an error that grows with the third power of the step."""
     if error <= 1e-3 * PATH_TOLERANCE:
@@ -201,7 +202,7 @@ def _creep_gm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, h:
     return e, e_c, s_c, t_c
 
 
-@_inline
+@_jit
 def _phi(z: float, phi: Array) -> None:
     """phi[j] = int_0^1 (1-u)^(j-1)/(j-1)! exp(-z u) du for j = 1..8, phi[0] = exp(-z)."""
     if z < 1.0:
@@ -223,7 +224,7 @@ def _phi(z: float, phi: Array) -> None:
             factorial *= j + 1
 
 
-@_inline
+@_jit
 def _joint_weights(x: float, z: float, phi: Array) -> tuple[float, float, float]:
     """Memory exp(-x(1-u)) over [0, 1] of the rates exp(-zu), u phi_1(zu), u^2 phi_2(zu).
 
@@ -315,7 +316,7 @@ def _creep_gkm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, d
     return e, e_c, s_c, t_c
 
 
-@njit(cache=True, error_model="numpy")
+@_jit
 def stress_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: float, h: Array,
                          sigma: Array, state: Array, e_jump: Array, e_end: Array) -> None:
     """See `stress_driven`; `state` (n + 1) is read and overwritten, e_jump and e_end (K) are filled."""
@@ -365,10 +366,206 @@ def stress_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
                 e, e_c, s_c, t_c = _creep_gkm(law_id, p, n, k, rate, K, d0, h[b], q, sigma[b],
                                               regular, work, joint, phi, e, e_c, s_c, t_c)
             else:
-                e, e_c, s_c, t_c = _jump(law_id, p, n, k, K, q, sigma[b], e, e_c, s_c, t_c)
+                if b == 0 or sigma[b] != sigma[b - 1]:
+                    e, e_c, s_c, t_c = _jump(law_id, p, n, k, K, q, sigma[b], e, e_c, s_c, t_c)
                 e_jump[b] = e
                 e, e_c, s_c, t_c = _creep_gm(law_id, p, n, k, rate, K, h[b], q, sigma[b],
                                              regular, work, e, e_c, s_c, t_c)
             e_end[b] = e
     state[0] = e
+    state[1:] = q
+
+
+@_jit
+def _free_flight(law_id: int, p: Array, network: int, n: int, k: Array, rate: Array, K: float, d0: float,
+                 h: float, q: Array, regular: Array, work: Array, joint: Array, phi: Array, e: float) -> float:
+    """The material left alone at zero stress for h; returns its strain, q is moved on.
+
+    Rare, so nothing is reused: the tables of h are built here, in `regular`.
+    """
+    if h <= 0.0:
+        return e
+    _branch_tables(h, n, k, rate, regular)
+    if network == GKV:
+        e = 0.0
+        for i in range(n):
+            q[i] -= q[i] * regular[_LOSS, i]
+            e += q[i]
+        return e
+    s_c, t_c = law_stress_tangent(law_id, p, e)
+    e_c = e
+    if network == GKM and d0 > 0.0:
+        e, e_c, s_c, t_c = _creep_gkm(law_id, p, n, k, rate, K, d0, h, q, 0.0, regular, work, joint, phi,
+                                      e, e_c, s_c, t_c)
+    else:
+        e, e_c, s_c, t_c = _jump(law_id, p, n, k, K, q, 0.0, e, e_c, s_c, t_c)
+        e, e_c, s_c, t_c = _creep_gm(law_id, p, n, k, rate, K, h, q, 0.0, regular, work, e, e_c, s_c, t_c)
+    return e
+
+
+@_jit
+def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, compliance: float, h: float,
+                     start: float, end: float, q: Array, new: Array, regular: Array, work: Array,
+                     ) -> float:
+    """GKV: the strain goes linearly from start to end in h; fills `new` with the e_i, returns the stress.
+
+    The stress along the step is quadratic with its known slope at the start.
+    """
+    spring = start
+    for i in range(n):
+        new[i] = q[i]
+        spring -= q[i]
+    speed = (end - start) / h
+    s, t = law_stress_tangent(law_id, p, spring)
+    if n == 0:
+        s, t = law_stress_tangent(law_id, p, end)
+        return s
+    rest, step = h, h
+    while rest > 0.0:
+        table = regular
+        if step != h:
+            table = work
+            _branch_tables(step, n, k, rate, table)
+        flow, push, mean, last = 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            flow += (s / k[i] - new[i]) * rate[i]
+            push += (s / k[i] - new[i]) * table[_LOSS, i]
+            mean += (1.0 - table[_MEAN, i]) / k[i]
+            last += (1.0 - table[_END, i]) / k[i]
+        slope = t * (speed - flow) * step
+        # y + sum of the changes of e_i = speed step, with y the change of the spring
+        P = 1.0 / last
+        r = (push + slope * (mean - last) - speed * step) * P
+        y, at, s_at, t_at = _balance(law_id, p, spring, s, t, P, r)
+        if math.isnan(at):
+            s_new, t_new = law_stress_tangent(law_id, p, spring + y)
+        else:
+            s_new = s_at + t_at * (spring + y - at)
+            t_new = t_at
+        rise = s_new - s
+        error = abs((rise - slope) * (mean - last)) / (1.0 + t * last)
+        if error > PATH_TOLERANCE and step > 1e-7 * h:
+            step = _shorter(step, error)
+            continue
+        for i in range(n):
+            new[i] += ((s / k[i] - new[i]) * table[_LOSS, i]
+                       + (slope * (1.0 - table[_MEAN, i]) + (rise - slope) * (1.0 - table[_END, i])) / k[i])
+        spring += y
+        s, t = s_new, t_new
+        if step >= rest:
+            break
+        rest -= step
+        step = min(rest, max(step, _shorter(step, error)))
+    # the spring takes what the branches leave, so rounding cannot pile up
+    spring = end
+    for i in range(n):
+        spring -= new[i]
+    s, t = law_stress_tangent(law_id, p, spring)
+    return s
+
+
+@_inline
+def _strain_step(law_id: int, p: Array, network: int, n: int, k: Array, rate: Array, d0: float, h: float,
+                 start: float, end: float, q: Array, new: Array, table: Array, work: Array) -> float:
+    """The strain goes linearly from start to end in h: fills `new` with the branches, returns the stress."""
+    if network == GKV:
+        return _strain_step_gkv(law_id, p, n, k, rate, 0.0, h, start, end, q, new, table, work)
+    s, _ = law_stress_tangent(law_id, p, end)
+    change = end - start
+    if network == GKM:
+        s += d0 * change / h
+    for i in range(n):
+        new[i] = q[i] * (1.0 - table[_LOSS, i]) + k[i] * change * table[_MEAN, i]
+        s += new[i]
+    return s
+
+
+@_jit
+def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: float, h: Array,
+                         e: Array, contact: int, state: Array, stress: Array, e_material: Array) -> None:
+    """See `strain_driven`; `state` (n + 1) is read and overwritten, stress and e_material (K + 1) filled."""
+    n = k.size
+    K = 0.0
+    for i in range(n):
+        K += k[i]
+    q = state[1:].copy()
+    new = np.empty(n)
+    rate = 1.0 / tau
+    table, regular, work = np.empty((3, n + 1)), np.empty((3, n + 1)), np.empty((3, n + 1))
+    joint, phi = np.zeros((4, n + 2)), np.empty(9)
+    last = -1.0
+
+    # the first knot: a jump from the state's strain to the imposed one
+    s, _ = law_stress_tangent(law_id, p, e[0] if network != GKV else e[0] - np.sum(q))
+    if network != GKV:
+        for i in range(n):
+            new[i] = q[i] + k[i] * (e[0] - state[0])
+            s += new[i]
+    touching = contact == 0 or contact * s >= 0.0
+    material = e[0]
+    if touching:
+        if network != GKV:
+            q[:] = new
+    else:
+        s = 0.0
+        material = state[0]
+        if network == GKV:
+            material = np.sum(q)
+        elif not (network == GKM and d0 > 0.0):
+            s_c, t_c = law_stress_tangent(law_id, p, material)
+            material, _, _, _ = _jump(law_id, p, n, k, K, q, 0.0, material, material, s_c, t_c)
+    stress[0], e_material[0] = s, material
+
+    for b in range(h.size):
+        start, end = e[b], e[b + 1]
+        left = h[b]
+        if not touching:
+            new[:] = q
+            flown = _free_flight(law_id, p, network, n, k, rate, K, d0, left, new, regular, work, joint, phi,
+                                 material)
+            if contact * (end - flown) <= 0.0:
+                q[:] = new
+                material = flown
+                stress[b + 1], e_material[b + 1] = 0.0, material
+                continue
+            # they meet within the step, where the straight paths cross
+            gap = contact * (material - start)
+            part = gap / (gap + contact * (end - flown)) if gap > 0.0 else 0.0
+            flown = _free_flight(law_id, p, network, n, k, rate, K, d0, part * left, q, regular, work, joint,
+                                 phi, material)
+            start += part * (end - start)
+            if network != GKV:
+                for i in range(n):
+                    q[i] += k[i] * (start - flown)
+            left *= 1.0 - part
+            touching = True
+            if left <= 0.0:
+                left = 1e-12 * h[b]
+        if left != last:
+            last = left
+            _branch_tables(left, n, k, rate, table)
+        s = _strain_step(law_id, p, network, n, k, rate, d0, left, start, end, q, new, table, work)
+        if contact * s < 0.0:
+            # contact is lost within the step, where the straight line between the end stresses is zero
+            before, _ = law_stress_tangent(law_id, p, start if network != GKV else start - np.sum(q))
+            if network != GKV:
+                before += np.sum(q)
+            if network == GKM:
+                before += d0 * (end - start) / left
+            part = before / (before - s) if contact * before > 0.0 else 0.0
+            middle = start + part * (end - start)
+            if part > 0.0:
+                _branch_tables(part * left, n, k, rate, regular)
+                _strain_step(law_id, p, network, n, k, rate, d0, part * left, start, middle, q, new,
+                             regular, work)
+                q[:] = new
+            material = _free_flight(law_id, p, network, n, k, rate, K, d0, (1.0 - part) * left, q, regular,
+                                    work, joint, phi, middle)
+            touching = False
+            s = 0.0
+        else:
+            q[:] = new
+            material = end
+        stress[b + 1], e_material[b + 1] = s, material
+    state[0] = material
     state[1:] = q

@@ -1,0 +1,328 @@
+"""Calibration: a campaign and a model in, posterior and predictive bands out."""
+
+from __future__ import annotations
+
+import time
+import warnings as python_warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import __version__
+from .assemble import Assembled, assemble
+from .campaign.schema import Campaign
+from .errors import NotConvergedWarning
+from .find_map import MapResult, MapSettings, find_map, laplace_covariance
+from .fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
+from .fit.evidence import bridge_log_evidence
+from .likelihood.posterior import Posterior
+from .models.chain import maxwell_form
+from .models.model import Model, build_model
+from .predict_recordings import Prediction, conditional_gain, predict_all
+from .priors import Parameter, Prior
+
+#: called with (phase, done, of, text)
+Report = Callable[[str, float, float, str], None]
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for the results."""
+
+    walkers: int = 32
+    ensembles: int = 2
+    draws: int = 2000
+    predictive_draws: int = 200
+    workers: int = 1
+    map: MapSettings = MapSettings()
+    sampler: EnsembleSettings = EnsembleSettings()
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration found. `summary` is calibration.json; `draws` (chain, draw, d) are inference coordinates."""
+
+    model: Model
+    campaign: Campaign
+    assembled: Assembled = field(repr=False)
+    posterior: Posterior = field(repr=False)
+    map: MapResult = field(repr=False)
+    sampling: EnsembleResult = field(repr=False)
+    draws: NDArray[np.float64] = field(repr=False)
+    quantities: Mapping[str, NDArray[np.float64]] = field(repr=False)  # (chain, draw), reported ones and noise
+    prior_quantities: Mapping[str, NDArray[np.float64]] = field(repr=False)  # (n,)
+    predictions: tuple[Prediction, ...] = field(repr=False)
+    prior_predictive: Mapping[str, NDArray[np.float64]] = field(repr=False)
+    summary: dict[str, Any] = field(repr=False)
+
+    @property
+    def parameters(self) -> dict[str, dict[str, Any]]:
+        """Posterior summary of every material parameter, as in calibration.json."""
+        out: dict[str, dict[str, Any]] = self.summary["parameters"]
+        return out
+
+    @property
+    def converged(self) -> bool:
+        """Whether the sampler's stopping rule was met."""
+        return self.sampling.converged
+
+    def save(self, out: str | Path, report: bool = True) -> Path:
+        """Write calibration.json, posterior.nc and, if asked, report.html into a folder."""
+        from .store import save_calibration
+
+        return save_calibration(self, Path(out), report)
+
+
+def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: CalibrationSettings | None = None,
+              priors: Mapping[str, Parameter | Prior] | None = None, report: Report | None = None,
+              checkpoint: Path | None = None) -> Calibration:
+    """Calibrate a model on the recordings with role "identify" and predict all.
+
+    model: a SPEC (``"hooke+gm3"``) or a Model. priors: overrides by parameter name. checkpoint: file that the sampler
+    keeps while it runs; where it exists and belongs to this very run, the run continues from it to the same numbers.
+    Raises InputError for input that cannot be calibrated. Warns NotConvergedWarning.
+    """
+    s = settings or CalibrationSettings()
+    if isinstance(model, str):
+        model = build_model(model, priors)
+    say = report or (lambda *_: None)
+    clock = _Clock()
+    rng = np.random.default_rng(seed)
+    r_map, r_start, r_sample, r_evidence, r_predict, r_prior = rng.spawn(6)
+
+    say("reading noise", 0, 1, campaign.name)
+    assembled = assemble(campaign, model, s.workers)
+    clock.lap("assemble")
+    say("searching the MAP", 0, 1, f"{s.map.swarms} swarms")
+    found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map, s.map,
+                                assembled.refresh if assembled.has_blocks else None)
+    clock.lap("map")
+    start = _walkers(found, posterior, s, r_start)
+    derived = _derived(posterior)
+
+    def on_check(p: Progress) -> None:
+        tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
+        rhat = f"R-hat {p.rhat:.3f}, " if np.isfinite(p.rhat) else ""
+        goal = 60 * p.tau if np.isfinite(p.tau) else p.max_steps
+        say("sampling", min(p.step, goal), max(goal, p.step), f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}")
+
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("ignore", NotConvergedWarning)
+        python_warnings.simplefilter("ignore", RuntimeWarning)
+        sampling = sample(posterior.log_prob, start, s.sampler, r_sample, names=posterior.names, report=on_check,
+                          derived=derived, checkpoint=checkpoint,
+                          resume_from=checkpoint if checkpoint is not None and checkpoint.exists() else None)
+    clock.lap("sample")
+    say("evidence", 0, 1, "bridge sampling")
+    log_evidence, log_evidence_se = bridge_log_evidence(posterior.log_prob, sampling.chains, r_evidence)
+    clock.lap("evidence")
+    draws = _thinned(sampling, s.draws)
+    flat = draws.reshape(-1, draws.shape[-1])
+    predictions = predict_all(assembled, posterior, flat, r_predict, s.predictive_draws, s.workers,
+                              lambda i, n, name: say("predicting", i, n, name))
+    prior_draws = posterior.prior_draws(4000, r_prior)
+    prior_predictive = _prior_predictive(assembled, posterior, prior_draws[:100])
+    clock.lap("predict")
+    quantities = _quantities(posterior, flat, r_predict, draws.shape[:2])
+    prior_quantities = {**model.reported(posterior.model_part(prior_draws)), **posterior.noise_quantities(prior_draws)}
+    notes = list(assembled.warnings) + _notes(model, found, sampling, quantities, prior_quantities, predictions)
+    summary = _summary(model, campaign, posterior, found, sampling, s, quantities, prior_quantities, predictions,
+                       log_evidence, log_evidence_se, seed, notes, clock)
+    return Calibration(model, campaign, assembled, posterior, found, sampling, draws, quantities, prior_quantities,
+                       tuple(predictions), prior_predictive, summary)
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.began = self.last = time.perf_counter()
+        self.by: dict[str, float] = {}
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.by[name] = now - self.last
+        self.last = now
+
+    @property
+    def total(self) -> float:
+        return time.perf_counter() - self.began
+
+
+def _walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:
+    """Start of the ensembles (e, w, d): normal around the MAP, each ensemble widened differently."""
+    d = posterior.dimension
+    walkers = max(s.walkers, 3 * d + (3 * d) % 2)
+    covariance = laplace_covariance(found, posterior, rng)
+    factor = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
+    out = np.empty((s.ensembles, walkers, d))
+    for e in range(s.ensembles):
+        width = 1.2 if e % 2 == 0 else 0.8
+        good = np.zeros(walkers, bool)
+        for _ in range(60):
+            need = np.flatnonzero(~good)
+            if not need.size:
+                break
+            out[e, need] = found.x + width * rng.standard_normal((need.size, d)) @ factor.T
+            good[need] = np.isfinite(posterior.log_prob(out[e, need]))
+            width *= 0.9
+    return out
+
+
+def _derived(posterior: Posterior) -> Callable[[NDArray], dict[str, NDArray]]:
+    """Reported quantities, which have to converge as well as the coordinates they come from."""
+    def derived(q: NDArray) -> dict[str, NDArray]:
+        return {**posterior.model.reported(posterior.model_part(q)), **posterior.noise_quantities(q)}
+
+    return derived
+
+
+def _thinned(sampling: EnsembleResult, count: int) -> NDArray:
+    """(ensemble, draw, d), evenly spaced over each ensemble's draws."""
+    chains = sampling.by_ensemble()
+    per = max(1, min(chains.shape[1], count // chains.shape[0]))
+    return chains[:, np.linspace(0, chains.shape[1] - 1, per).astype(int)]
+
+
+def _quantities(posterior: Posterior, flat: NDArray, rng: np.random.Generator, shape: tuple[int, ...]
+                ) -> dict[str, NDArray]:
+    out = {**posterior.model.reported(posterior.model_part(flat)), **posterior.noise_quantities(flat)}
+    for recording, zero in posterior.zeros_part(flat).items():
+        out[next(z.name for z in posterior.zeros if z.recording == recording)] = zero
+    for (channel, specimen), (mean, sd) in conditional_gain(posterior, flat).items():
+        suffix = "" if len({g.specimen for g in posterior.groups}) == 1 else f"_{specimen}"
+        out[f"gain_{channel}{suffix}"] = mean + sd * rng.standard_normal(len(mean))
+    return {name: np.asarray(v).reshape(shape) for name, v in out.items()}
+
+
+def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray) -> dict[str, NDArray]:
+    """Largest output that prior draws predict for each recording (n,), for the question: is the prior sensible?"""
+    from .simulate import simulate
+
+    values = posterior.model.physical(posterior.model_part(draws))
+    out = {}
+    for p in assembled.prepared[:4]:
+        peaks = []
+        for i in range(0, len(draws), 4):
+            x = simulate(posterior.model, {k: float(v[i]) for k, v in values.items()}, p.recording)
+            peaks.append(float(np.nanmax(np.abs(x))))
+        out[p.name] = np.array(peaks)
+    return out
+
+
+def _statistics(values: NDArray) -> dict[str, float]:
+    q = np.quantile(values, [0.05, 0.5, 0.95])
+    return {"mean": float(np.mean(values)), "sd": float(np.std(values)), "q05": float(q[0]), "q50": float(q[1]),
+            "q95": float(q[2])}
+
+
+def _contraction(values: NDArray, prior: NDArray, log: bool) -> float:
+    """1 - posterior variance/prior variance, on the logarithm for positive parameters."""
+    a, b = (np.log(values), np.log(prior)) if log else (values, prior)
+    b = b[np.isfinite(b)]
+    return float(1 - np.var(a) / np.var(b)) if b.size and np.var(b) > 0 else float("nan")
+
+
+def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapResult, sampling: EnsembleResult,
+             s: CalibrationSettings, quantities: Mapping[str, NDArray], prior: Mapping[str, NDArray],
+             predictions: list[Prediction], log_evidence: float, se: float, seed: int, notes: list[str],
+             clock: _Clock) -> dict[str, Any]:
+    at_map = model.reported(posterior.model_part(found.x[None]))
+    noise_map = posterior.noise_quantities(found.x[None])
+    units = model.units()
+    parameters: dict[str, Any] = {}
+    noise: dict[str, Any] = {}
+
+    def health(name: str) -> dict[str, float | None]:
+        return {"rhat": sampling.rhat.get(name), "ess_bulk": sampling.ess_bulk.get(name),
+                "ess_tail": sampling.ess_tail.get(name)}
+
+    for name in at_map:
+        v = quantities[name]
+        positive = bool(np.all(v > 0) and np.all(prior[name] > 0))
+        parameters[name] = {**_statistics(v), "unit": units[name], "map": float(at_map[name][0]), **health(name),
+                            "contraction": _contraction(v, prior[name], positive)}
+    for name, v in quantities.items():
+        if name in at_map:
+            continue
+        unit = "1"
+        if name.startswith(("sigma_", "zero_")):
+            unit = name.rsplit("_", 1)[1]
+        at = noise_map.get(name)
+        coordinate = next((c for c in posterior.names if c == name), None)
+        entry = {**_statistics(v), "unit": unit, "map": None if at is None else float(at[0]), **health(name)}
+        if coordinate is not None:
+            entry["map"] = float(found.x[posterior.names.index(coordinate)])
+        if name in prior:
+            entry["contraction"] = _contraction(v, prior[name], name.startswith("sigma"))
+        noise[name] = entry
+    for group in posterior.groups:
+        suffix = "" if len({g.specimen for g in posterior.groups}) == 1 else f"_{group.specimen}"
+        name = f"gain_{group.channel}{suffix}"
+        if group.gain_sd > 0:
+            noise[name]["contraction"] = float(1 - np.var(quantities[name]) / group.gain_sd**2)
+    same = maxwell_form(model, {k: np.array([v["map"]]) for k, v in parameters.items()} | {
+        k: np.array([v]) for k, v in model.priors.fixed.items()})
+    return {
+        "model": model.name,
+        "campaign": campaign.name,
+        "parameters": parameters,
+        "noise": noise,
+        "sampler": {"walkers": int(sampling.chains.shape[2]), "ensembles": int(sampling.chains.shape[0]),
+                    "steps": sampling.steps, "tau": _largest(sampling.tau), "acceptance": float(np.mean(sampling.acceptance)),
+                    "converged": sampling.converged, "reason": sampling.reason, "burn_in": sampling.burn_in,
+                    "rhat_max": _largest(np.array(list(sampling.rhat.values()))), "evaluations": sampling.evaluations},
+        "search": {"swarms": found.swarms, "agree": found.agree, "evaluations": found.evaluations,
+                   "converged": found.converged},
+        "recordings": [{
+            "recording": p.name, "role": p.role, "channel": p.channel, "n": p.n, "rmse_m" if p.channel == "displacement"
+            else "rmse_N": p.rmse, "rmse_raw": p.rmse_raw, "noise_floor": p.noise_floor, "r2": p.r2,
+            "chi2_reduced": p.chi2_reduced, "coverage_50": p.coverage_50, "coverage_90": p.coverage_90,
+            "pit_p_value": p.pit_p_value, "elpd": p.elpd, "pareto_k": p.pareto_k} for p in predictions],
+        "map_log_posterior": found.log_posterior,
+        "log_evidence": log_evidence,
+        "log_evidence_se": se,
+        "same_function": None if same is None else {
+            "form": "generalised Kelvin-Voigt" if model.spec.network == "gm" else "generalised Maxwell",
+            "parameters": {k: float(v[0]) for k, v in same.items()}},
+        "priors": {p.name: {"prior": str(p.prior), "unit": p.unit, "source": p.source, "label": p.label}
+                   for p in model.parameters},
+        "conventions": dict(campaign.conventions),
+        "seconds": clock.total,
+        "seconds_by": dict(clock.by),
+        "seed": seed,
+        "version": __version__,
+        "inputs": [dict(i) for i in campaign.inputs],
+        "meta": dict(campaign.meta),
+        "warnings": list(dict.fromkeys(notes)),
+    }
+
+
+def _largest(values: NDArray) -> float | None:
+    good = np.asarray(values, float)
+    good = good[np.isfinite(good)]
+    return float(good.max()) if good.size else None
+
+
+def _notes(model: Model, found: MapResult, sampling: EnsembleResult, quantities: Mapping[str, NDArray],
+           prior: Mapping[str, NDArray], predictions: list[Prediction]) -> list[str]:
+    out = []
+    if not sampling.converged:
+        out.append(f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it longer "
+                   "(--max-steps) or ask less of the recordings (fewer elements).")
+    if found.agree < found.swarms:
+        out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")
+    for name in model.reported(model.prior_draws(1, np.random.default_rng(0))):
+        c = _contraction(quantities[name], prior[name], bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0)))
+        if c < 0.2:
+            out.append(f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is the prior's.")
+    for p in predictions:
+        if p.chi2_reduced > 1.5 and p.rmse > 0:
+            out.append(f"{p.name}: the model misses it by {p.rmse:.3g} {'m' if p.channel == 'displacement' else 'N'} RMS where "
+                       f"the noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out.")
+        if p.pareto_k is not None and p.pareto_k >= 0.7:
+            out.append(f"{p.name}: leaving it out moves the posterior too far for reweighting (k-hat {p.pareto_k:.2f}); its "
+                       "ELPD is not given.")
+    return out

@@ -1,0 +1,102 @@
+"""A small Gaussian mixture: the proposal for bridge sampling and importance draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayes_dea.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """weights (k,), means (k, d), roots (k, d, d): lower Cholesky factors of the covariances."""
+
+    weights: Array
+    means: Array
+    roots: Array
+
+    def log_density(self, x: Array) -> Array:
+        """(n, d) -> (n,), normalised."""
+        return logsumexp(_log_parts(x, self), axis=1)
+
+    def draw(self, n: int, rng: np.random.Generator) -> Array:
+        """n independent draws, (n, d)."""
+        which = rng.choice(len(self.weights), size=n, p=self.weights)
+        z = rng.standard_normal((n, self.means.shape[1]))
+        return self.means[which] + np.einsum("nij,nj->ni", self.roots[which], z)
+
+
+def fit_mixture(x: Array, rng: np.random.Generator, components: tuple[int, ...] = (1, 2, 4, 8)) -> Mixture:
+    """Fit mixtures of growing size by EM and keep the one that predicts a held-out quarter best.
+
+    x: (n, d) draws, roughly independent. A larger mixture has to gain 0.01 nat a draw, else the smaller one
+    stays. Raises InputError with fewer than 10 d draws or draws that lie in a subspace.
+    """
+    n, d = x.shape
+    if n < max(10 * d, 20):
+        raise InputError(f"mixture: {n} draws in {d} dimensions; give at least {max(10 * d, 20)}")
+    centre = x.mean(axis=0)
+    try:
+        root = np.linalg.cholesky(np.atleast_2d(np.cov(x, rowvar=False)))
+    except np.linalg.LinAlgError:
+        raise InputError("mixture: draws lie in a subspace; leave out what is constant") from None
+    # Whitened draws: one floor for covariances is then right in every direction.
+    z = np.linalg.solve(root, (x - centre).T).T
+    order = rng.permutation(n)
+    held, used = z[order[: n // 4]], z[order[n // 4 :]]
+    best, score = _em(used, 1, rng), -np.inf
+    for k in components:
+        if k > 1 and len(used) < 20 * k * d:
+            break
+        candidate = _em(used, k, rng)
+        its_score = float(np.mean(candidate.log_density(held)))
+        if its_score > score + (0.01 if np.isfinite(score) else 0.0):
+            best, score = candidate, its_score
+    return Mixture(best.weights, centre + best.means @ root.T, np.einsum("ij,kjl->kil", root, best.roots))
+
+
+def _log_parts(x: Array, m: Mixture) -> Array:
+    """log weight plus log density of each component, (n, k)."""
+    n, d = x.shape
+    out = np.empty((n, len(m.weights)))
+    for k, (weight, mean, root) in enumerate(zip(m.weights, m.means, m.roots, strict=True)):
+        z = np.linalg.solve(root, (x - mean).T)
+        size = np.sum(np.log(np.diag(root))) + 0.5 * d * np.log(2.0 * np.pi)
+        with np.errstate(divide="ignore"):
+            out[:, k] = np.log(weight) - size - 0.5 * np.einsum("dn,dn->n", z, z)
+    return out
+
+
+def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = 1e-3) -> Mixture:
+    n, d = z.shape
+    centres = [int(rng.integers(n))]
+    for _ in range(k - 1):
+        # Far points first (k-means++), so that components start apart.
+        near = np.min([np.sum((z - z[c]) ** 2, axis=1) for c in centres], axis=0)
+        centres.append(int(rng.choice(n, p=near / near.sum())))
+    m = Mixture(np.full(k, 1.0 / k), z[centres], np.repeat(np.eye(d)[None] / np.sqrt(k), k, axis=0))
+    if k == 1:
+        iterations = 1
+    before = -np.inf
+    for _ in range(iterations):
+        parts = _log_parts(z, m)
+        total = logsumexp(parts, axis=1)
+        share = np.exp(parts - total[:, None])
+        mass = share.sum(axis=0) + 1e-9
+        means = (share.T @ z) / mass[:, None]
+        roots = np.empty((k, d, d))
+        for j in range(k):
+            y = z - means[j]
+            roots[j] = np.linalg.cholesky((share[:, j, None] * y).T @ y / mass[j] + floor * np.eye(d))
+        m = Mixture(mass / mass.sum(), means, roots)
+        now = float(total.mean())
+        if now - before < 1e-4:
+            break
+        before = now
+    return m

@@ -1,0 +1,262 @@
+"""Posterior predictive of every recording: bands, residuals, coverage, and what a left-out recording would score.
+
+Bands of a recording are around its own offset and gain at their posterior given that recording (CONTRACT,
+conventions): variance of the parameters' share + of offset and gain + of the noise. Averages over the draws are
+taken at every sample; the draws themselves are kept as block means, short after edges, at most 5 s long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .assemble import Assembled
+from .campaign.schema import Recording
+from .checks import metrics
+from .likelihood.block_group import BlockGroup
+from .likelihood.linear_group import LinearGroup, nuisance_sd
+from .likelihood.posterior import Posterior
+from .likelihood.prepare import Prepared
+from .noise.blocks import Blocks, block_means, log_blocks
+from .simulate import simulate
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One recording, predicted. Arrays over blocks have nb columns; draws S rows."""
+
+    name: str
+    role: str
+    channel: str
+    n: int
+    rmse: float
+    rmse_raw: float
+    r2: float
+    chi2_reduced: float
+    coverage_50: float
+    coverage_90: float
+    pit_p_value: float
+    noise_floor: float
+    elpd: float | None
+    pareto_k: float | None
+    time_s: NDArray[np.float64] = field(repr=False)  # (nb,) mean time of each block
+    input: NDArray[np.float64] = field(repr=False)  # (nb,)
+    observed: NDArray[np.float64] = field(repr=False)
+    count: NDArray[np.int64] = field(repr=False)
+    mean: NDArray[np.float64] = field(repr=False)  # (nb,) prediction after offset and gain
+    sd_parameters: NDArray[np.float64] = field(repr=False)  # (nb,) parameters, offset and gain
+    sd_sample: NDArray[np.float64] = field(repr=False)  # (nb,) of a single sample, noise included
+    sd_block: NDArray[np.float64] = field(repr=False)  # (nb,) of the block mean
+    draws: NDArray[np.float64] = field(repr=False)  # (S, nb) replicated block means, noise included
+    log_likelihood: NDArray[np.float64] = field(repr=False)  # (S_all,) of this recording given the draw
+    by_time: dict[str, list[float]] = field(repr=False, default_factory=dict)
+    by_input: dict[str, list[float]] = field(repr=False, default_factory=dict)
+    spectrum: dict[str, list[float]] = field(repr=False, default_factory=dict)
+    histogram: list[float] = field(repr=False, default_factory=list)  # PIT counts in twenty bins
+
+
+def conditional_gain(posterior: Posterior, q: NDArray) -> dict[tuple[str, str], tuple[NDArray, NDArray]]:
+    """Posterior mean and sd (B,) of each group's gain given the draw, by (channel, specimen)."""
+    out = {}
+    for group in posterior.groups:
+        if group.fitted:
+            terms = posterior.group_terms(q, group)
+            out[group.channel, group.specimen] = terms[:, 1], np.sqrt(terms[:, 2])
+        else:
+            out[group.channel, group.specimen] = np.zeros(len(q)), np.full(len(q), group.gain_sd)
+    return out
+
+
+def subset_terms(posterior: Posterior, group: LinearGroup | BlockGroup, q: NDArray, names: list[str],
+                 zeros: dict[str, NDArray] | None = None) -> NDArray:
+    """(B, 4) of the group's likelihood restricted to some of its recordings."""
+    sigma, rho = posterior.noise_part(q, group.channel)
+    if not names:
+        return np.zeros((len(q), 4))
+    if isinstance(group, LinearGroup):
+        return group.evaluate(group.subset(names), group.vectors(posterior.model, posterior.model_part(q)), sigma, rho)
+    return group.evaluate(posterior.model, posterior.model_part(q), {**posterior.zeros_part(q), **(zeros or {})},
+                          sigma, rho, names)
+
+
+def predict_all(assembled: Assembled, posterior: Posterior, draws: NDArray, rng: np.random.Generator, keep: int = 200,
+                workers: int = 1, report: Callable[[int, int, str], None] | None = None) -> list[Prediction]:
+    """Predictions of every recording from posterior draws (S_all, d), in the campaign's order."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    chosen = draws[np.linspace(0, len(draws) - 1, min(keep, len(draws))).astype(int)]
+    by_name = {p.name: (group, p) for group in posterior.groups for p in (*group.fitted, *group.others)}
+    jobs = [(p, by_name[p.name][0], child) for p, child in zip(assembled.prepared, rng.spawn(len(assembled.prepared)),
+                                                               strict=True)]
+    done = 0
+
+    def run(job: tuple) -> Prediction:
+        nonlocal done
+        p, group, child = job
+        result = _predict_one(assembled, posterior, group, p, draws, chosen, child)
+        done += 1
+        if report is not None:
+            report(done, len(jobs), p.name)
+        return result
+
+    with ThreadPoolExecutor(max(1, workers)) as pool:
+        return list(pool.map(run, jobs))
+
+
+def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup | BlockGroup, p: Prepared,
+                 draws: NDArray, chosen: NDArray, rng: np.random.Generator) -> Prediction:
+    fitted = [f.name for f in group.fitted]
+    zeros: dict[str, NDArray] = {}
+    if p.recording.is_mechanical and p.name not in fitted:
+        zeros = {p.name: _zero_of(assembled, posterior, p, draws)}
+    if p.name in fitted:
+        whole = subset_terms(posterior, group, draws, fitted)
+        log_likelihood = whole[:, 0] - subset_terms(posterior, group, draws, [n for n in fitted if n != p.name])[:, 0]
+        elpd, k = _left_out(log_likelihood)
+    else:
+        joint = subset_terms(posterior, group, draws, [*fitted, p.name], zeros)
+        log_likelihood = joint[:, 0] - subset_terms(posterior, group, draws, fitted)[:, 0]
+        top = log_likelihood.max()
+        elpd, k = float(top + np.log(np.mean(np.exp(log_likelihood - top)))), None
+    names = fitted if p.name in fitted else [*fitted, p.name]
+    chosen_zeros = {p.name: np.full(len(chosen), v[0]) for v in zeros.values()}
+    terms = subset_terms(posterior, group, chosen, names, chosen_zeros)
+    sigma, rho = posterior.noise_part(chosen, group.channel)
+    values = posterior.model.physical(posterior.model_part(chosen))
+    own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
+    N = p.nuisance()
+    prior = 1.0 / nuisance_sd(p, assembled.terms[p.name])**2
+    r = p.recording
+    drive = r.columns["voltage_V"]**2 if r.is_voltage else r.columns["position_m"]
+    masked = ~p.observed & np.isfinite(p.y)
+    blocks = log_blocks(r.time_s, drive, y=p.y, mask=masked)
+    previous = _before(assembled, p)
+    n = p.y.size
+    mean, square, raw = np.zeros(n), np.zeros(n), np.zeros(n)
+    replicated = np.empty((len(chosen), blocks.n))
+    spread = 0.0
+    rate = _rate_of(posterior, group.channel, p)
+    for s in range(len(chosen)):
+        x = simulate(posterior.model, {k: float(v[s]) for k, v in values.items()}, r,
+                     None if own_zero is None else float(own_zero[s]), previous)
+        gain = terms[s, 1]
+        noise = float(np.sqrt(sigma[s]**2 + group.quantisation_variance))
+        offset, offset_cov = _nuisance_given(p.y - (1 + gain) * x, N, prior, p.observed, noise, float(rho[s, rate]))
+        f = (1 + gain) * x + N @ offset
+        mean += f
+        square += f * f
+        raw += x
+        # offset and gain scatter around their conditional means as well
+        spread += terms[s, 2] * float(np.mean(x[p.observed]**2) - np.mean(x[p.observed])**2) + offset_cov
+        replicated[s] = block_means(f, blocks, masked)
+    count = len(chosen)
+    mean /= count
+    variance = np.maximum(square / count - mean**2, 0.0) + spread / count
+    noise2 = float(np.mean(sigma**2)) + group.quantisation_variance
+    sd = np.sqrt(variance + noise2)
+    y = np.where(p.observed, p.y, np.nan)
+    residual = y - mean
+    floor = float(np.sqrt(p.quiet_sd**2)) if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else float(np.sqrt(noise2))
+    rho_mean = float(np.mean(rho[:, rate]))
+    block_var = _block_variance(blocks, float(np.sqrt(noise2)), rho_mean)
+    block_parameters = block_means(variance, blocks, masked)
+    replicated += np.sqrt(block_var) * rng.standard_normal(replicated.shape)
+    uniform = metrics.pit(y, mean, sd)
+    return Prediction(
+        p.name, r.role, p.channel, p.n, metrics.rmse(residual), metrics.rmse(y - raw / count), metrics.r2(y, mean),
+        metrics.reduced_chi2(residual, floor), metrics.coverage(y, mean, sd, 0.5), metrics.coverage(y, mean, sd, 0.9),
+        float(metrics.pit_uniformity(uniform).p_value), floor, elpd, k, blocks.time_s,
+        block_means(np.nan_to_num(r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks),
+        block_means(p.y, blocks, masked), blocks.count, block_means(mean, blocks, masked), np.sqrt(block_parameters),
+        np.sqrt(block_parameters + noise2), np.sqrt(block_parameters + block_var), replicated, log_likelihood,
+        _binned(metrics.residuals_by_time(residual, sd, r.time_s)),
+        _binned(metrics.residuals_by_voltage(residual, sd, r.columns["voltage_V" if r.is_voltage else "position_m"])),
+        _spectrum(residual, r.time_s), np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist())
+
+
+def _rate_of(posterior: Posterior, channel: str, p: Prepared) -> int:
+    return next(c for c in posterior.channels if c.channel == channel).rates.of(p)
+
+
+def _before(assembled: Assembled, p: Prepared) -> Recording | None:
+    if p.recording.rested:
+        return None
+    before = None
+    for other in assembled.prepared:
+        if other.name == p.name:
+            return before
+        if other.recording.specimen == p.recording.specimen and other.recording.is_voltage:
+            before = other.recording
+    return before
+
+
+def _nuisance_given(residual: NDArray, N: NDArray, precision: NDArray, observed: NDArray, sd: float, rho: float
+                    ) -> tuple[NDArray, float]:
+    """Posterior mean (m,) of what a recording adds, and the variance it leaves at a sample, for AR(1) noise.
+
+    The correlation acts through the variance inflation of slow components, (1 + rho)/(1 - rho).
+    """
+    A = N[observed] if not observed.all() else N
+    r = residual[observed] if not observed.all() else residual
+    w = (1 - rho) / (1 + rho) / sd**2
+    precision_matrix = w * (A.T @ A) + np.diag(precision)
+    mean = np.linalg.solve(precision_matrix, w * (A.T @ r))
+    return mean, float(np.linalg.inv(precision_matrix)[0, 0])
+
+
+def _block_variance(blocks: Blocks, sd: float, rho: float) -> NDArray:
+    from .noise.blocks import variance_of_mean
+
+    return variance_of_mean(blocks.count, sd, float(np.clip(rho, -0.999, 0.99999)))
+
+
+def _binned(b: object) -> dict[str, list[float]]:
+    return {k: np.asarray(v, float).tolist() for k, v in vars(b).items() if isinstance(v, np.ndarray)}
+
+
+def _spectrum(residual: NDArray, time_s: NDArray) -> dict[str, list[float]]:
+    s = metrics.residual_spectrum(residual, time_s)
+    f, density = s.frequency_Hz, s.density
+    if f.size > 200:  # logarithmic bins are enough to see lines and slopes
+        which = np.clip(np.digitize(f, np.geomspace(f[0], f[-1], 121)) - 1, 0, 119)
+        count = np.bincount(which, minlength=120)
+        filled = count > 0
+        density = np.bincount(which, density, 120)[filled] / count[filled]
+        f = np.bincount(which, f, 120)[filled] / count[filled]
+    return {"frequency_Hz": f.tolist(), "density": density.tolist(), "white": [float(s.white)]}
+
+
+def _left_out(log_likelihood: NDArray) -> tuple[float | None, float | None]:
+    """ELPD of a recording left out, by Pareto-smoothed importance sampling over the draws, and its k-hat."""
+    from .fit.diagnostics import arviz
+
+    weights, k = arviz().psislw(-log_likelihood)
+    k = float(np.max(k))
+    value = np.asarray(weights) + log_likelihood
+    top = value.max()
+    elpd = float(top + np.log(np.sum(np.exp(value - top))))
+    return (elpd if k < 0.7 else None), k
+
+
+def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDArray) -> NDArray:
+    """Position of contact of a recording that was not fitted: the best one at the mean of the draws."""
+    from scipy.optimize import minimize_scalar
+
+    center = draws.mean(axis=0)[None]
+    values = {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(center)).items()}
+    height = p.recording.actuator.stack_height_m or 1.0
+    start = float(p.recording.columns["position_m"][0])
+    good = p.observed
+
+    def misfit(zero: float) -> float:
+        residual = (p.y - simulate(posterior.model, values, p.recording, zero))[good]
+        return float(np.var(residual))
+
+    grid = start + np.linspace(-0.08, 0.08, 17) * height
+    best = grid[int(np.argmin([misfit(z) for z in grid]))]
+    fine = minimize_scalar(misfit, bounds=(best - 0.012 * height, best + 0.012 * height), method="bounded",
+                           options={"xatol": 1e-8})
+    return np.full(len(draws), float(fine.x))

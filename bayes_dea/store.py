@@ -1,0 +1,112 @@
+"""posterior.nc: everything that was drawn, as ArviZ InferenceData, and the folder of a calibration's results.
+
+Groups: `posterior` (reported quantities (chain, draw), and the inference coordinates), `sample_stats` (lp),
+`log_likelihood` (`identify` and `validate`, (chain, draw, recording): offsets integrated out, gain conditional on the
+draw), `posterior_predictive` and `observed_data` (one variable a recording, block means), `constant_data` (time, input,
+counts and bands of the same blocks), `prior`, `prior_predictive`. A chain is an ensemble.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import InputError
+from .fit.diagnostics import arviz
+from .results import write_atomic, write_json
+
+if TYPE_CHECKING:
+    from .calibrate import Calibration
+
+CALIBRATION_FILE = "calibration.json"
+POSTERIOR_FILE = "posterior.nc"
+REPORT_FILE = "report.html"
+
+
+def variable_name(recording: str) -> str:
+    """Name of a recording as a variable: letters, digits and underscores."""
+    stem = recording.rsplit(".", 1)[0] if "." in recording else recording
+    return "".join(ch if ch.isalnum() else "_" for ch in stem)
+
+
+def variable_names(recordings: list[str]) -> dict[str, str]:
+    """A variable name for each recording, all different."""
+    out: dict[str, str] = {}
+    for name in recordings:
+        base, i = variable_name(name), 2
+        candidate = base
+        while candidate in out.values():
+            candidate = f"{base}_{i}"
+            i += 1
+        out[name] = candidate
+    return out
+
+
+def inference_data(calibration: Calibration) -> Any:
+    """ArviZ InferenceData of a calibration."""
+    import xarray as xr
+
+    az = arviz()
+    chains, draws = calibration.draws.shape[:2]
+    coordinates = {"chain": np.arange(chains), "draw": np.arange(draws)}
+    posterior = xr.Dataset({name: (("chain", "draw"), v) for name, v in calibration.quantities.items()}
+                           | {"coordinates": (("chain", "draw", "coordinate"), calibration.draws)},
+                           coords=coordinates | {"coordinate": list(calibration.posterior.names)})
+    lp = calibration.posterior.log_prob(calibration.draws.reshape(chains * draws, -1)).reshape(chains, draws)
+    stats = xr.Dataset({"lp": (("chain", "draw"), lp)}, coords=coordinates)
+    loglik = {}
+    for role in ("identify", "validate"):
+        members = [p for p in calibration.predictions if p.role == role]
+        if members:
+            dim = f"recording_{role}"
+            loglik[role] = xr.DataArray(
+                np.stack([p.log_likelihood for p in members], axis=-1).reshape(chains, draws, len(members)),
+                dims=("chain", "draw", dim), coords=coordinates | {dim: [p.name for p in members]})
+    names = variable_names([p.name for p in calibration.predictions])
+    predictive, observed, constant = {}, {}, {}
+    for p in calibration.predictions:
+        v = names[p.name]
+        block = f"block_{v}"
+        predictive[v] = (("chain", "draw", block), p.draws[None].astype(np.float32))
+        observed[v] = ((block,), p.observed)
+        for key in ("time_s", "input", "count", "mean", "sd_parameters", "sd_sample", "sd_block"):
+            constant[f"{v}__{key}"] = ((block,), getattr(p, key))
+        for group, table in (("time", p.by_time), ("input", p.by_input), ("spectrum", p.spectrum)):
+            for key, values in table.items():
+                constant[f"{v}__{group}__{key}"] = ((f"{v}_{group}_{key}",), np.asarray(values, float))
+        constant[f"{v}__pit_histogram"] = (("pit_bin",), np.asarray(p.histogram))
+    prior = xr.Dataset({name: (("chain", "draw"), np.asarray(v)[None]) for name, v in calibration.prior_quantities.items()})
+    prior_predictive = xr.Dataset({f"{variable_name(k)}_largest": (("chain", "draw"), v[None])
+                                   for k, v in calibration.prior_predictive.items()})
+    attributes = {"model": calibration.model.name, "seed": calibration.summary["seed"],
+                  "version": calibration.summary["version"], "converged": int(calibration.converged)}
+    data = az.InferenceData(posterior=posterior.assign_attrs(attributes), sample_stats=stats,
+                            log_likelihood=xr.Dataset(loglik), posterior_predictive=xr.Dataset(predictive),
+                            observed_data=xr.Dataset(observed), constant_data=xr.Dataset(constant), prior=prior,
+                            prior_predictive=prior_predictive)
+    return data
+
+
+def save_calibration(calibration: Calibration, out: Path, report: bool = True) -> Path:
+    """Write posterior.nc, calibration.json and report.html; JSON comes after what it describes."""
+    data = inference_data(calibration)
+    write_atomic(out / POSTERIOR_FILE, lambda p: data.to_netcdf(str(p), engine="h5netcdf"))
+    write_json(out / CALIBRATION_FILE, calibration.summary)
+    if report:
+        from .report.page import write_report
+
+        write_report(out)
+    return out
+
+
+def load_posterior(folder: Path) -> Any:
+    """InferenceData of a result folder. Raises InputError when it is not there or not readable."""
+    path = folder / POSTERIOR_FILE
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file; is {folder} the --out of a calibration?")
+    try:
+        return arviz().from_netcdf(str(path), engine="h5netcdf")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as a posterior ({error}); run the calibration again") from error
