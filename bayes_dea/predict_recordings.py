@@ -20,7 +20,8 @@ from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
 from .likelihood.prepare import Prepared
-from .noise.blocks import Blocks, block_means, log_blocks
+from .models.chain import materials
+from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .simulate import simulate
 
 
@@ -125,53 +126,58 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
     chosen_zeros = {p.name: np.full(len(chosen), v[0]) for v in zeros.values()}
     terms = subset_terms(posterior, group, chosen, names, chosen_zeros)
     sigma, rho = posterior.noise_part(chosen, group.channel)
-    values = posterior.model.physical(posterior.model_part(chosen))
     own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
-    N = p.nuisance()
-    prior = 1.0 / nuisance_sd(p, assembled.terms[p.name])**2
     r = p.recording
     drive = r.columns["voltage_V"]**2 if r.is_voltage else r.columns["position_m"]
     masked = ~p.observed & np.isfinite(p.y)
     blocks = log_blocks(r.time_s, drive, y=p.y, mask=masked)
-    previous = _before(assembled, p)
-    n = p.y.size
-    mean, square, raw = np.zeros(n), np.zeros(n), np.zeros(n)
-    replicated = np.empty((len(chosen), blocks.n))
-    spread = 0.0
     rate = _rate_of(posterior, group.channel, p)
-    for s in range(len(chosen)):
-        x = simulate(posterior.model, {k: float(v[s]) for k, v in values.items()}, r,
-                     None if own_zero is None else float(own_zero[s]), previous)
-        gain = terms[s, 1]
-        noise = float(np.sqrt(sigma[s]**2 + group.quantisation_variance))
-        offset, offset_cov = _nuisance_given(p.y - (1 + gain) * x, N, prior, p.observed, noise, float(rho[s, rate]))
-        f = (1 + gain) * x + N @ offset
-        mean += f
-        square += f * f
-        raw += x
-        # offset and gain scatter around their conditional means as well
-        spread += terms[s, 2] * float(np.mean(x[p.observed]**2) - np.mean(x[p.observed])**2) + offset_cov
-        replicated[s] = block_means(f, blocks, masked)
-    count = len(chosen)
-    mean /= count
-    variance = np.maximum(square / count - mean**2, 0.0) + spread / count
-    noise2 = float(np.mean(sigma**2)) + group.quantisation_variance
-    sd = np.sqrt(variance + noise2)
+    noise2 = sigma**2 + group.quantisation_variance
+    prior = 1.0 / nuisance_sd(p, assembled.terms[p.name])**2
+    # one simulation at full rate, at the centre of the draws; what the draws add to it is smooth and taken per block
+    centre = {k: float(v[0]) for k, v in posterior.model.physical(
+        posterior.model_part(chosen.mean(axis=0)[None])).items()}
+    x = simulate(posterior.model, centre, r, None if own_zero is None else float(own_zero.mean()), _before(assembled, p))
+    if isinstance(group, LinearGroup):
+        X = group.vectors(posterior.model, posterior.model_part(chosen)) @ group.block_responses(p, blocks, masked).T
+    else:
+        X = group.simulate(group.record(p.name), materials(posterior.model, posterior.model_part(chosen)), own_zero)
+    gain = float(terms[:, 1].mean())
+    noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
+    N = p.nuisance()
+    added, _ = _nuisance_given(p.y - (1 + gain) * x, N, prior, p.observed, noise_sd, rho_mean)
+    raw_residual = p.y - x
+    level = (1 + gain) * x + N @ added
+    y_blocks = block_means(p.y, blocks, masked)
+    f = (1 + terms[:, 1:2]) * X
+    weight = blocks.count[None] * ((1 - rho[:, rate]) / (1 + rho[:, rate]) / noise2)[:, None]
+    disturbance = block_means(N @ np.concatenate([[0.0], added[1:]]), blocks, masked)
+    offset_var = 1.0 / (weight.sum(axis=1) + prior[0])
+    offset = offset_var * np.sum(weight * (y_blocks - disturbance - f), axis=1)
+    f = f + offset[:, None] + disturbance
+    # offset and gain scatter around their conditional means as well
+    centred = X - np.average(X, axis=1, weights=blocks.count)[:, None]
+    parameter_var = f.var(axis=0) + offset_var.mean() + np.mean(terms[:, 2:3] * centred**2, axis=0)
+    level_blocks = block_means(level, blocks, masked)
+    which = np.repeat(np.arange(blocks.n), blocks.stop - blocks.start)
+    rows = np.concatenate([np.arange(a, b) for a, b in zip(blocks.start, blocks.stop, strict=True)])
+    mean, variance = np.full(p.y.size, np.nan), np.full(p.y.size, np.nan)
+    mean[rows] = level[rows] + (f.mean(axis=0) - level_blocks)[which]
+    variance[rows] = parameter_var[which]
+    sd = np.sqrt(variance + noise_sd**2)
     y = np.where(p.observed, p.y, np.nan)
     residual = y - mean
-    floor = float(np.sqrt(p.quiet_sd**2)) if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else float(np.sqrt(noise2))
-    rho_mean = float(np.mean(rho[:, rate]))
-    block_var = _block_variance(blocks, float(np.sqrt(noise2)), rho_mean)
-    block_parameters = block_means(variance, blocks, masked)
-    replicated += np.sqrt(block_var) * rng.standard_normal(replicated.shape)
+    floor = p.quiet_sd if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else noise_sd
+    block_var = _block_variance(blocks, noise_sd, rho_mean)
+    replicated = f + np.sqrt(offset_var.mean() + block_var) * rng.standard_normal(f.shape)
     uniform = metrics.pit(y, mean, sd)
     return Prediction(
-        p.name, r.role, p.channel, p.n, metrics.rmse(residual), metrics.rmse(y - raw / count), metrics.r2(y, mean),
+        p.name, r.role, p.channel, p.n, metrics.rmse(residual), metrics.rmse(np.where(p.observed, raw_residual, np.nan)), metrics.r2(y, mean),
         metrics.reduced_chi2(residual, floor), metrics.coverage(y, mean, sd, 0.5), metrics.coverage(y, mean, sd, 0.9),
         float(metrics.pit_uniformity(uniform).p_value), floor, elpd, k, blocks.time_s,
         block_means(np.nan_to_num(r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks),
-        block_means(p.y, blocks, masked), blocks.count, block_means(mean, blocks, masked), np.sqrt(block_parameters),
-        np.sqrt(block_parameters + noise2), np.sqrt(block_parameters + block_var), replicated, log_likelihood,
+        y_blocks, blocks.count, f.mean(axis=0), np.sqrt(parameter_var), np.sqrt(parameter_var + noise_sd**2),
+        np.sqrt(parameter_var + block_var), replicated, log_likelihood,
         _binned(metrics.residuals_by_time(residual, sd, r.time_s)),
         _binned(metrics.residuals_by_voltage(residual, sd, r.columns["voltage_V" if r.is_voltage else "position_m"])),
         _spectrum(residual, r.time_s), np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist())
@@ -208,8 +214,6 @@ def _nuisance_given(residual: NDArray, N: NDArray, precision: NDArray, observed:
 
 
 def _block_variance(blocks: Blocks, sd: float, rho: float) -> NDArray:
-    from .noise.blocks import variance_of_mean
-
     return variance_of_mean(blocks.count, sd, float(np.clip(rho, -0.999, 0.99999)))
 
 

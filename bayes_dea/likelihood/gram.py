@@ -55,6 +55,7 @@ class RecordGram:
     n: int
     nuisance_sd: NDArray[np.float64]
     end_state: NDArray[np.float64]
+    start_state: NDArray[np.float64] | None = None
     rate: int = 0  # which rho belongs to this recording: one for each sampling rate of the sensor
 
 
@@ -132,7 +133,7 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
         carried = F[-1].copy()
     pairs = np.array([int(np.sum(code == k)) for k in range(classes)])
     return RecordGram(first, later, earlier, cross, int(np.sum(code == -1)), pairs, steps, index.size,
-                      record.nuisance_sd, state, rate)
+                      record.nuisance_sd, state, record.start_state, rate)
 
 
 @dataclass(frozen=True)

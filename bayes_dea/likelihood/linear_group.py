@@ -12,8 +12,9 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import InputError
 from ..models.electrostatics import stroke_factor, voltage_drive
-from ..models.lags import Drive
+from ..models.lags import Drive, lag_block_sums
 from ..models.model import Model
+from ..noise.blocks import Blocks
 from ..noise.stated import NoiseTerms
 from .basis import LagBasis, build_basis, coefficients
 from .gram import GramGroup, LinearRecord, RecordGram, collect, log_likelihood, precision_matrix, sum_group
@@ -70,6 +71,22 @@ class LinearGroup:
         coefficients(np.ascontiguousarray(D), np.ascontiguousarray(c), np.ascontiguousarray(T), self.basis.table,
                      self.basis.log_low, self.basis.step, self.basis.reference_s, out)
         return out
+
+    def block_responses(self, p: Prepared, blocks: Blocks, masked: NDArray) -> NDArray[np.float64]:
+        """Block means (nb, K + 1) of the basis responses on one recording: times `vectors` they are displacements."""
+        drive = stroke_drive(p)
+        K = self.basis.size
+        start = self.grams[p.name].start_state
+        state = np.zeros(K) if start is None else start.copy()
+        weight = np.where(masked, 0.0, 1.0)
+        # rows to blocks; rows outside every block go to a last, dropped one
+        which = np.full(drive.n, blocks.n, dtype=np.int64)
+        for k, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
+            which[a:b] = k
+        out = np.zeros((blocks.n + 1, K + 1))
+        lag_block_sums(drive.dt, drive.stress, drive.middle, drive.hold, self.basis.time_constants, state, which, weight,
+                       out)
+        return out[:-1] / blocks.count[:, None]
 
     def total_sd(self, sigma: NDArray) -> NDArray:
         """Standard deviation of a sample with quantisation."""

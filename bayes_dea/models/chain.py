@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Actuator
 from ..errors import InputError
 from .electrostatics import require
-from .mechanics import GKM, GKV, GM, stress_driven_kernel
-strain_driven_kernel=stress_driven_kernel
+from .mechanics import GKM, GKV, GM, strain_driven_kernel, stress_driven_kernel
 from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell
 from .static import LAWS

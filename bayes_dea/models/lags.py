@@ -199,6 +199,23 @@ def lag_rows(dt, s, middle, hold, T, f, start, stop, out):
             out[i - start, k] = f[k]
 
 
+@nb.njit(cache=True, nogil=True)
+def lag_block_sums(dt, s, middle, hold, T, f, which, weight, out):
+    """Weighted sums of lag responses and, last column, of the input over the blocks `which` (n,) names."""
+    K = T.size
+    chunk = 4096
+    rows = np.empty((chunk, K))
+    for start in range(0, s.size, chunk):
+        stop = min(start + chunk, s.size)
+        lag_rows(dt, s, middle, hold, T, f, start, stop, rows)
+        for i in range(start, stop):
+            b = which[i]
+            w = weight[i]
+            for k in range(K):
+                out[b, k] += w * rows[i - start, k]
+            out[b, K] += w * s[i]
+
+
 def simulate_modes(drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None
                    ) -> tuple[NDArray, NDArray]:
     """Strain (n,) of a network in modes form under `drive`, and the lag states (m,) at its end."""

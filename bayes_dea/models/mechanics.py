@@ -22,14 +22,14 @@ Numba keeps compiled code by the date of this file alone: after an edit of `stat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_dea.models.static import law_stress_tangent
+from bayes_dea.models.static import HOOKE, N_PARAMETERS, StaticLaw, law_stress_tangent
+from bayes_dea.models.static import law as law_by_name
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def _balance(law_id: int, p: Array, e0: float, s0: float, tangent0: float, P: fl
     y = -r * (1.0 / (tangent0 + P))  # the reciprocal is ready before r is
     if abs(y) <= TANGENT_RADIUS and tangent0 + P > 0.0:
         return y, math.nan, s0, tangent0
-    if law_id == 0:
+    if law_id == HOOKE:
         return y, e0, s0, tangent0
     low, high = _E_LOW, _E_HIGH
     if r < 0.0:
@@ -132,7 +132,8 @@ def _balance(law_id: int, p: Array, e0: float, s0: float, tangent0: float, P: fl
 
 
 @_inline
-def _law_near(law_id: int, p: Array, e: float, e_c: float, s_c: float, t_c: float) -> tuple[float, float, float]:
+def _law_near(law_id: int, p: Array, e: float, e_c: float, s_c: float, t_c: float,
+              ) -> tuple[float, float, float]:
     """Centre, stress and tangent of the law's expansion, moved to e where e has left the old one."""
     if abs(e - e_c) > TANGENT_RADIUS:
         s, t = law_stress_tangent(law_id, p, e)
@@ -202,7 +203,7 @@ def _creep_gm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, h:
     return e, e_c, s_c, t_c
 
 
-@_jit
+@_inline
 def _phi(z: float, phi: Array) -> None:
     """phi[j] = int_0^1 (1-u)^(j-1)/(j-1)! exp(-z u) du for j = 1..8, phi[0] = exp(-z)."""
     if z < 1.0:
@@ -224,7 +225,7 @@ def _phi(z: float, phi: Array) -> None:
             factorial *= j + 1
 
 
-@_jit
+@_inline
 def _joint_weights(x: float, z: float, phi: Array) -> tuple[float, float, float]:
     """Memory exp(-x(1-u)) over [0, 1] of the rates exp(-zu), u phi_1(zu), u^2 phi_2(zu).
 
@@ -404,22 +405,21 @@ def _free_flight(law_id: int, p: Array, network: int, n: int, k: Array, rate: Ar
 
 
 @_jit
-def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, compliance: float, h: float,
-                     start: float, end: float, q: Array, new: Array, regular: Array, work: Array,
-                     ) -> float:
+def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: float, start: float,
+                     end: float, q: Array, new: Array, regular: Array, work: Array) -> float:
     """GKV: the strain goes linearly from start to end in h; fills `new` with the e_i, returns the stress.
 
     The stress along the step is quadratic with its known slope at the start.
     """
+    if n == 0:
+        s, t = law_stress_tangent(law_id, p, end)
+        return s
     spring = start
     for i in range(n):
         new[i] = q[i]
         spring -= q[i]
     speed = (end - start) / h
     s, t = law_stress_tangent(law_id, p, spring)
-    if n == 0:
-        s, t = law_stress_tangent(law_id, p, end)
-        return s
     rest, step = h, h
     while rest > 0.0:
         table = regular
@@ -469,7 +469,7 @@ def _strain_step(law_id: int, p: Array, network: int, n: int, k: Array, rate: Ar
                  start: float, end: float, q: Array, new: Array, table: Array, work: Array) -> float:
     """The strain goes linearly from start to end in h: fills `new` with the branches, returns the stress."""
     if network == GKV:
-        return _strain_step_gkv(law_id, p, n, k, rate, 0.0, h, start, end, q, new, table, work)
+        return _strain_step_gkv(law_id, p, n, k, rate, h, start, end, q, new, table, work)
     s, _ = law_stress_tangent(law_id, p, end)
     change = end - start
     if network == GKM:
@@ -501,7 +501,7 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
         for i in range(n):
             new[i] = q[i] + k[i] * (e[0] - state[0])
             s += new[i]
-    touching = contact == 0 or contact * s >= 0.0
+    touching = not (contact * s < 0.0)
     material = e[0]
     if touching:
         if network != GKV:
@@ -519,6 +519,7 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
     for b in range(h.size):
         start, end = e[b], e[b + 1]
         left = h[b]
+        met = False
         if not touching:
             new[:] = q
             flown = _free_flight(law_id, p, network, n, k, rate, K, d0, left, new, regular, work, joint, phi,
@@ -539,12 +540,15 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
                     q[i] += k[i] * (start - flown)
             left *= 1.0 - part
             touching = True
-            if left <= 0.0:
-                left = 1e-12 * h[b]
+            met = True
+            left = max(left, 1e-12 * h[b])
         if left != last:
             last = left
             _branch_tables(left, n, k, rate, table)
         s = _strain_step(law_id, p, network, n, k, rate, d0, left, start, end, q, new, table, work)
+        if met and network == GKM:
+            # over the interval in which plate and material meet the damper feels the material's mean rate
+            s += d0 * ((end - material) / h[b] - (end - start) / left)
         if contact * s < 0.0:
             # contact is lost within the step, where the straight line between the end stresses is zero
             before, _ = law_stress_tangent(law_id, p, start if network != GKV else start - np.sum(q))
@@ -569,3 +573,152 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
         stress[b + 1], e_material[b + 1] = s, material
     state[0] = material
     state[1:] = q
+
+
+def _stress_batch(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array, sigma: Array,
+                  state: Array, e_jump: Array, e_end: Array) -> None:
+    for j in prange(p.shape[0]):
+        stress_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, sigma, state[j], e_jump[j], e_end[j])
+
+
+def _strain_batch(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array, e: Array,
+                  contact: int, state: Array, stress: Array, e_material: Array) -> None:
+    for j in prange(p.shape[0]):
+        strain_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, e, contact, state[j], stress[j],
+                             e_material[j])
+
+
+stress_batch_kernel = njit(cache=True)(_stress_batch)
+strain_batch_kernel = njit(cache=True)(_strain_batch)
+# kept apart, since threads inside processes that are many already only slow each other down
+stress_batch_threads = njit(cache=True, parallel=True)(_stress_batch)
+strain_batch_threads = njit(cache=True, parallel=True)(_strain_batch)
+
+
+class StressDriven(NamedTuple):
+    """Answer to a stress history; the arrays have a leading axis B when the parameters had one."""
+
+    e_after_jump: Array  #: (K,) strain at the start of each interval, after the jump
+    e_end: Array  #: (K,) strain at the end of each interval
+    state: Array  #: (n + 1,) total strain, then q_i in Pa (GM, GKM) or e_i (GKV): where to go on from
+
+
+class StrainDriven(NamedTuple):
+    """Answer to a strain history; the arrays have a leading axis B when the parameters had one."""
+
+    stress: Array  #: (K + 1,) true stress in Pa at the knots
+    e_material: Array  #: (K + 1,) strain of the material; another than the imposed one where contact is lost
+    state: Array  #: (n + 1,) as in StressDriven
+
+
+class _Material(NamedTuple):
+    law_id: int
+    p: Array  # (B, N_PARAMETERS)
+    network: int
+    k: Array  # (B, n)
+    tau: Array  # (B, n)
+    d0: Array  # (B,)
+    state: Array  # (B, n + 1)
+    batched: bool
+
+
+def _material(law: StaticLaw | str, p: ArrayLike, network: str | int, k: ArrayLike, tau: ArrayLike,
+              d0: ArrayLike, state: ArrayLike | None) -> _Material:
+    which = law_by_name(law) if isinstance(law, str) else law
+    number = NETWORKS[network.lower()] if isinstance(network, str) else int(network)
+    given = np.asarray(p, dtype=np.float64)
+    batched = given.ndim == 2
+    given = np.atleast_2d(given)
+    count = given.shape[0]
+    if not len(which.parameters) <= given.shape[1] <= N_PARAMETERS:
+        raise ValueError(f"static law {which.name} takes {len(which.parameters)} parameters, "
+                         f"{given.shape[1]} given")
+    packed = np.zeros((count, N_PARAMETERS))
+    packed[:, : given.shape[1]] = given
+    stiffness, times = np.atleast_1d(np.asarray(k, float)), np.atleast_1d(np.asarray(tau, float))
+    n = stiffness.shape[-1]
+    if times.shape[-1] != n:
+        raise ValueError(f"{n} branch stiffnesses but {times.shape[-1]} time constants")
+    stiffness = np.ascontiguousarray(np.broadcast_to(stiffness, (count, n)))
+    times = np.ascontiguousarray(np.broadcast_to(times, (count, n)))
+    damper = np.ascontiguousarray(np.broadcast_to(np.asarray(d0, float), (count,)))
+    if number not in (GM, GKM, GKV):
+        raise ValueError(f"network {network!r} is unknown; choose one of {', '.join(NETWORKS)}")
+    if not np.all(times > 0.0):
+        raise ValueError("time constants must be positive")
+    if number == GKV and not np.all(stiffness > 0.0):
+        raise ValueError("the stiffness of a Kelvin-Voigt element must be positive")
+    if number == GKM and not np.all(damper >= 0.0):
+        raise ValueError("d0 must not be negative")
+    begin = np.zeros((count, n + 1))
+    if state is not None:
+        begin[:] = np.asarray(state, float)
+    return _Material(which.law_id, packed, number, stiffness, times, damper, begin, batched)
+
+
+def _intervals(h: ArrayLike, drive: ArrayLike, extra: int, what: str) -> tuple[Array, Array]:
+    steps = np.ascontiguousarray(h, dtype=np.float64)
+    values = np.ascontiguousarray(drive, dtype=np.float64)
+    if steps.ndim != 1 or values.shape != (steps.size + extra,):
+        raise ValueError(f"{steps.size} intervals need {steps.size + extra} values of {what}, "
+                         f"got shape {values.shape}")
+    if not np.all(steps > 0.0):
+        raise ValueError(f"interval {int(np.argmin(steps > 0.0))} is not longer than zero")
+    return steps, values
+
+
+def stress_driven(law: StaticLaw | str, p: ArrayLike, network: str | int, k: ArrayLike, tau: ArrayLike,
+                  d0: ArrayLike, h: ArrayLike, sigma: ArrayLike, state: ArrayLike | None = None,
+                  *, threads: bool = False) -> StressDriven:
+    """Strain under stress that is constant within each interval.
+
+    h (K,) s, durations of any size; sigma (K,) Pa true stress, compression positive. The law's parameters p
+    in the order of `StaticLaw.parameters`; k (n,) Pa; tau (n,) s; d0 in Pa s, used by GKM alone. With p of
+    shape (B, ...) a whole batch runs in one call: k, tau (B, n) or shared, d0 (B,) or one number, `threads`
+    over several cores. A rested material (state None) starts from zero. At the start of an interval the
+    strain jumps until the balance holds, except with d0 > 0. Where the law cannot carry the stress the
+    answer is nan from there on. Raises ValueError for shapes that do not fit.
+    """
+    m = _material(law, p, network, k, tau, d0, state)
+    steps, stress = _intervals(h, sigma, 0, "sigma")
+    jump, end = np.empty((2, m.p.shape[0], steps.size))
+    if m.batched:
+        run = stress_batch_threads if threads else stress_batch_kernel
+        run(m.law_id, m.p, m.network, m.k, m.tau, m.d0, steps, stress, m.state, jump, end)
+        return StressDriven(jump, end, m.state)
+    stress_driven_kernel(m.law_id, m.p[0], m.network, m.k[0], m.tau[0], m.d0[0], steps, stress, m.state[0],
+                         jump[0], end[0])
+    return StressDriven(jump[0], end[0], m.state[0])
+
+
+def strain_driven(law: StaticLaw | str, p: ArrayLike, network: str | int, k: ArrayLike, tau: ArrayLike,
+                  d0: ArrayLike, h: ArrayLike, e: ArrayLike, contact: int = 0, state: ArrayLike | None = None,
+                  *, threads: bool = False) -> StrainDriven:
+    """Stress at the knots of an imposed strain that is linear between them.
+
+    h (K,) s; e (K + 1,) imposed strain, compression positive; the rest as in `stress_driven`. At the first
+    knot the strain jumps from that of `state` to e[0] (the damper d0 does not feel this jump). At the other
+    knots the damper adds d0 times the slope of the interval that ends there.
+
+    contact: +1 plates that push and do not pull (stress never negative), -1 a film that pulls and does not
+    push (never positive), 0 bonded. Where the stress would have the wrong sign the material follows its own
+    balance at zero stress until the imposed strain meets it again; the branches see the material's strain,
+    and a loss or a gain of contact is placed within its interval. One change of contact an interval.
+    """
+    m = _material(law, p, network, k, tau, d0, state)
+    steps, strain = _intervals(h, e, 1, "e")
+    if contact not in (-1, 0, 1):
+        raise ValueError("contact is +1 (plates), -1 (film) or 0 (bonded)")
+    stress, material = np.empty((2, m.p.shape[0], strain.size))
+    if m.batched:
+        run = strain_batch_threads if threads else strain_batch_kernel
+        run(m.law_id, m.p, m.network, m.k, m.tau, m.d0, steps, strain, contact, m.state, stress, material)
+        return StrainDriven(stress, material, m.state)
+    strain_driven_kernel(m.law_id, m.p[0], m.network, m.k[0], m.tau[0], m.d0[0], steps, strain, contact,
+                         m.state[0], stress[0], material[0])
+    return StrainDriven(stress[0], material[0], m.state[0])
+
+
+def force(stress: ArrayLike, e: ArrayLike, area: float) -> Array:
+    """Force in N of a true stress on an incompressible block: s A / (1 - e), A the area at rest in m^2."""
+    return np.asarray(np.asarray(stress, float) * area / (1.0 - np.asarray(e, float)))
