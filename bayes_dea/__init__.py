@@ -1,1 +1,61 @@
+"""bayes-dea: Bayesian calibration of dielectric elastomer actuators.
+
+    import bayes_dea as bd
+    campaign = bd.load_campaign("quickstart")
+    result = bd.calibrate(campaign, "hooke+gm3", seed=1)
+    print(result.parameters["Y_Pa"])
+    result.save("out")
+
+Names are loaded when they are first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+_NAMES = {
+    "Actuator": "campaign", "Campaign": "campaign", "Recording": "campaign", "Sensor": "campaign",
+    "load_campaign": "campaign", "recording_from_arrays": "campaign", "campaign_from_recordings": "campaign",
+    "Calibration": "calibrate", "CalibrationSettings": "calibrate", "calibrate": "calibrate",
+    "Model": "models.model", "build_model": "models.model", "Prior": "priors", "Parameter": "priors",
+    "read_prior_file": "priors", "simulate": "simulate", "gm_to_gkv": "models.networks", "gkv_to_gm": "models.networks",
+    "run_bench": "bench.run", "write_report": "report.page", "load_posterior": "store", "inference_data": "store",
+    "BayesDEAError": "errors", "InputError": "errors", "NotConvergedWarning": "errors",
+}
+
+__all__ = ["__version__", *sorted(_NAMES)]
+
+if TYPE_CHECKING:
+    from .bench.run import run_bench
+    from .calibrate import Calibration, CalibrationSettings, calibrate
+    from .campaign import (
+        Actuator,
+        Campaign,
+        Recording,
+        Sensor,
+        campaign_from_recordings,
+        load_campaign,
+        recording_from_arrays,
+    )
+    from .errors import BayesDEAError, InputError, NotConvergedWarning
+    from .models.model import Model, build_model
+    from .models.networks import gkv_to_gm, gm_to_gkv
+    from .priors import Parameter, Prior, read_prior_file
+    from .report.page import write_report
+    from .simulate import simulate
+    from .store import inference_data, load_posterior
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _NAMES:
+        raise AttributeError(f"module 'bayes_dea' has no attribute '{name}'")
+    value = getattr(importlib.import_module(f".{_NAMES[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -16,6 +16,7 @@ from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
 from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
 from .models.model import Model, build_model
+from .noise.edges import input_noise
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 from .simulate import simulate
 
@@ -69,7 +70,8 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
         terms.update(_voltage_terms(voltage, warnings))
         channels.append(_channel(voltage, terms, "displacement", warnings))
     if mechanical:
-        terms.update(_force_terms(campaign, mechanical, warnings))
+        force_terms, scatter = _force_terms(campaign, mechanical, warnings)
+        terms.update(force_terms)
         channels.append(_channel(mechanical, terms, "force", warnings))
     rates = {c.channel: c.rates for c in channels}
     linear: list[LinearGroup] = []
@@ -79,7 +81,7 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
     if voltage:
         groups += linear if model.is_linear else build_block_groups(voltage, terms, rates["displacement"], "displacement")
     if mechanical:
-        groups += build_block_groups(mechanical, terms, rates["force"], "force")
+        groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
     zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
     posterior = Posterior(model, tuple(groups), tuple(channels), zeros)
     search_model = model if model.is_linear else linearised(model)
@@ -133,30 +135,35 @@ def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[
     return out
 
 
-def _force_terms(campaign: Campaign, prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[str, NoiseTerms]:
+def _force_terms(campaign: Campaign, prepared: tuple[Prepared, ...], warnings: list[str]
+                 ) -> tuple[dict[str, NoiseTerms], dict[str, float]]:
+    """Noise terms of the forces, and the variance that the scatter of the position adds to a sample."""
     largest = max(p.signal() for p in prepared)
     quiet = float(np.median([p.quiet_sd for p in prepared]))
-    position = campaign.sensors.get("position", Sensor())
+    stated = campaign.sensors.get("position", Sensor())
     stiffness = float(np.median([_stiffness(p) for p in prepared]))
     travel = max(float(np.nanmax(p.recording.columns["position_m"]) - np.nanmin(p.recording.columns["position_m"]))
                  for p in prepared)
-    carried = force_noise_from_position(position, stiffness, travel)
-    out = {}
+    carried = force_noise_from_position(stated, stiffness, travel)
+    warnings += carried.warnings
+    terms, scatter = {}, {}
     for p in prepared:
-        terms = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet, channel="force")
-        # the systematic part of the position is the zero, which is a parameter of its own
-        out[p.name] = terms.plus_position(replace(carried, offset_sd_N=0.0))
-        warnings += out[p.name].warnings
-    return out
+        own = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet, channel="force")
+        warnings += own.warnings
+        # the systematic part of the position is the zero, a parameter of its own, and a gain like that of the force
+        terms[p.name] = replace(own, gain_sd=float(np.hypot(own.gain_sd, carried.gain_sd)))
+        # the recorded scatter is evidence, the stated one a promise
+        seen = input_noise(filled_input(p.recording.columns["position_m"]))
+        scatter[p.name] = (stiffness * seen)**2
+    return terms, scatter
 
 
 def _stiffness(p: Prepared) -> float:
-    """Slope of force over position between the extremes of the force, in N/m."""
+    """Largest force over the travel that goes with it, in N/m."""
     x = filled_input(p.recording.columns["position_m"])[p.observed]
     f = p.y[p.observed]
-    high, low = np.quantile(f, 0.98), np.quantile(f, 0.3)
-    travel = abs(np.median(x[f >= high]) - np.median(x[f <= low]))
-    return float(max(abs(high - low) / max(travel, 1e-9), 1e-9))
+    force = float(np.quantile(f, 0.999) - np.quantile(f, 0.001))
+    return max(force / max(float(np.ptp(x)), 1e-9), 1e-9)
 
 
 def _channel(prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], channel: str,

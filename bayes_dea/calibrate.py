@@ -322,7 +322,4 @@ def _notes(model: Model, found: MapResult, sampling: EnsembleResult, quantities:
         if p.chi2_reduced > 1.5 and p.rmse > 0:
             out.append(f"{p.name}: the model misses it by {p.rmse:.3g} {'m' if p.channel == 'displacement' else 'N'} RMS where "
                        f"the noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out.")
-        if p.pareto_k is not None and p.pareto_k >= 0.7:
-            out.append(f"{p.name}: leaving it out moves the posterior too far for reweighting (k-hat {p.pareto_k:.2f}); its "
-                       "ELPD is not given.")
     return out

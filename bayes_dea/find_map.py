@@ -3,7 +3,8 @@
 With voltage recordings the swarm moves over the logarithms of the time constants, in quantiles of their prior; the
 compliances are projected out: for each particle an inner Gauss-Newton iteration on their logarithms against the Gram
 sums, with a normal approximation of their prior. For a nonlinear law the same search on its linearisation gives the
-start. Without voltage recordings the swarm moves over the whole prior box.
+start. Without voltage recordings the swarm moves over relaxation times and zeros of position, the moduli projected
+out in the same way; where neither form holds (fixed parameters), over the whole prior box.
 """
 
 from __future__ import annotations
@@ -16,9 +17,13 @@ from numpy.typing import NDArray
 
 from .fit.polish import NewtonPolish, NewtonSettings, polish_newton
 from .fit.swarm import SwarmSettings, multi_swarm
+from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup
 from .likelihood.posterior import Posterior
-from .models.model import Model
+from .models.chain import Material, forces, maxwell_form
+from .models.mechanics import GKM, GM
+from .models.model import PRIMARY, Model
+from .models.networks import maxwell_to_modes
 
 _INNER_STEPS = 12
 
@@ -45,78 +50,184 @@ class MapResult:
     converged: bool
 
 
-class ProjectedSearch:
-    """Swarm objective over log time constants with the linear coefficients projected out."""
+class _Projection:
+    """Swarm objective over nonlinear coordinates with the logarithms of the linear coefficients projected out.
+
+    mean, sd: normal approximation of the linear logarithms' prior, (p,).
+    """
+
+    def __init__(self, dimension: int, mean: NDArray, sd: NDArray):
+        self.dimension = dimension
+        self.mean, self.sd = mean, np.maximum(sd, 1e-6)
+        self.evaluations = 0
+
+    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+        """Normal equations H (B, p, p), g (B, p), y'y and log prior (B,) of the nonlinear part at points (B, m)."""
+        raise TypeError("a projection defines its own equations")
+
+    def solve(self, cube: NDArray) -> tuple[NDArray, NDArray]:
+        """Logarithms of the linear coefficients (B, p) and projected log posterior (B,)."""
+        H, g, yy, log_prior = self.equations(cube)
+        B = len(cube)
+        self.evaluations += B
+        mean, sd = self.mean, self.sd
+        a = np.tile(mean, (B, 1))
+        value = self._objective(a, H, g, yy)
+        damping = np.full(B, 1e-3)
+        eye = np.eye(len(sd))
+        for _ in range(_INNER_STEPS):
+            e = np.exp(a)
+            gradient = e * (g - np.einsum("bps,bs->bp", H, e)) - (a - mean) / sd**2
+            curvature = e[:, :, None] * H * e[:, None, :] + eye / sd**2
+            diagonal = np.einsum("bpp->bp", curvature)
+            curvature = curvature + damping[:, None, None] * eye * diagonal[:, None, :]
+            step = np.clip(np.linalg.solve(curvature, gradient[:, :, None])[:, :, 0], -3, 3)
+            trial = a + step
+            new = self._objective(trial, H, g, yy)
+            better = new > value
+            a = np.where(better[:, None], trial, a)
+            value = np.where(better, new, value)
+            damping = np.where(better, damping * 0.2, damping * 10)
+        return a, value + log_prior
+
+    def _objective(self, a: NDArray, H: NDArray, g: NDArray, yy: float) -> NDArray:
+        e = np.exp(np.clip(a, -300, 300))
+        quadratic = np.einsum("bp,bps,bs->b", e, H, e, optimize=True)
+        return (-0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + quadratic)
+                - 0.5 * np.sum(((a - self.mean) / self.sd)**2, axis=1))
+
+
+class _Times:
+    """Unit cube to log time constants by their prior's quantiles, longest first; their log prior, approximately."""
+
+    def __init__(self, log_times: NDArray):
+        self.sorted = np.sort(log_times, axis=0)
+        self.grid = (np.arange(len(log_times)) + 0.5) / len(log_times)
+        self.mean, self.sd = log_times.mean(axis=0), log_times.std(axis=0)
+
+    def at(self, cube: NDArray) -> NDArray:
+        cube = np.clip(cube, 0, 1)
+        m = self.sorted.shape[1]
+        out = np.stack([np.interp(cube[:, j], self.grid, self.sorted[:, j]) for j in range(m)], axis=1)
+        # equal time constants make one column twice: keep them a part in a thousand apart
+        return -np.sort(-out, axis=1) - 1e-3 * np.arange(m)
+
+    def log_prior(self, log_times: NDArray) -> NDArray:
+        return -0.5 * np.sum(((log_times - self.mean) / self.sd)**2, axis=1)
+
+
+class VoltageSearch(_Projection):
+    """Time constants of a linear model on voltage recordings; compliances projected out against the Gram sums."""
 
     def __init__(self, model: Model, groups: list[LinearGroup], sigma: float, rho: NDArray, rng: np.random.Generator,
                  draws: int = 4000):
-        self.model = model
-        self.basis_group = groups[0]
-        self.M = np.sum([g.projected(sigma, rho) for g in groups], axis=0)
         z = model.prior_draws(draws, rng)
+        self.model, self.basis_group = model, groups[0]
+        self.M = np.sum([g.projected(sigma, rho) for g in groups], axis=0)
         self.nonlinear = model.nonlinear_index()
-        self.linear = np.array([i for i in range(model.dimension) if i not in set(self.nonlinear.tolist())])
-        self.center, self.spread = z.mean(axis=0), np.maximum(z.std(axis=0), 1e-6)
-        self.quantiles = np.sort(z[:, self.nonlinear], axis=0)
-        self.grid = (np.arange(draws) + 0.5) / draws
-        self.evaluations = 0
+        self.linear = np.setdiff1d(np.arange(model.dimension), self.nonlinear)
+        self.times = _Times(z[:, self.nonlinear])
+        super().__init__(int(self.nonlinear.size), z[:, self.linear].mean(axis=0), z[:, self.linear].std(axis=0))
 
-    @property
-    def dimension(self) -> int:
-        """Number of time constants."""
-        return int(self.nonlinear.size)
-
-    def times(self, cube: NDArray) -> NDArray:
-        """Unit cube (B, m) to log time constants (B, m), longest first."""
-        cube = np.clip(cube, 0, 1)
-        out = np.stack([np.interp(cube[:, j], self.grid, self.quantiles[:, j]) for j in range(self.dimension)], axis=1)
-        out = -np.sort(-out, axis=1)
-        # equal time constants make one column twice: keep them a part in a thousand apart
-        return out - 1e-3 * np.arange(self.dimension)
-
-    def solve(self, cube: NDArray) -> tuple[NDArray, NDArray]:
-        """Coordinates (B, d) and projected log posterior (B,) of particles (B, m)."""
+    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+        """See `_Projection`."""
         B = len(cube)
-        z = np.tile(self.center, (B, 1))
-        z[:, self.nonlinear] = self.times(cube)
-        self.evaluations += B
-        T = np.exp(z[:, self.nonlinear])
+        z = np.zeros((B, self.model.dimension))
+        log_T = z[:, self.nonlinear] = self.times.at(cube)
+        T = np.exp(log_T)
         m = T.shape[1]
         unit = self.basis_group.vectors_of(np.zeros(B * m), np.ones((B * m, 1)), T.reshape(-1, 1)).reshape(B, m, -1)
         q = unit.shape[2]
         feedthrough = np.zeros((B, 1, q))
         feedthrough[:, 0, -1] = 1.0
-        responses = np.concatenate([feedthrough, unit], axis=1)
-        W = np.einsum("bkp,bkq->bpq", self.model.design(z), responses)
-        Mx, My, yy = self.M[:q, :q], self.M[:q, -1], float(self.M[-1, -1])
-        H = np.einsum("bpq,qr,bsr->bps", W, Mx, W, optimize=True)
-        g = W @ My
-        mean, sd = self.center[self.linear], self.spread[self.linear]
-        a = z[:, self.linear].copy()
-        value = self._objective(a, H, g, yy, mean, sd)
-        damping = np.full(B, 1e-3)
-        for _ in range(_INNER_STEPS):
-            e = np.exp(a)
-            gradient = e * (g - np.einsum("bps,bs->bp", H, e)) - (a - mean) / sd**2
-            curvature = e[:, :, None] * H * e[:, None, :] + np.eye(len(sd)) / sd**2
-            diagonal = np.einsum("bpp->bp", curvature)
-            curvature = curvature + damping[:, None, None] * np.eye(len(sd)) * diagonal[:, None, :]
-            step = np.clip(np.linalg.solve(curvature, gradient[:, :, None])[:, :, 0], -3, 3)
-            trial = a + step
-            new = self._objective(trial, H, g, yy, mean, sd)
-            better = new > value
-            a = np.where(better[:, None], trial, a)
-            value = np.where(better, new, value)
-            damping = np.where(better, damping * 0.2, damping * 10)
-        z[:, self.linear] = a
-        s = (z[:, self.nonlinear] - self.center[self.nonlinear]) / self.spread[self.nonlinear]
-        return z, value - 0.5 * np.sum(s * s, axis=1)
+        W = np.einsum("bkp,bkq->bpq", self.model.design(z), np.concatenate([feedthrough, unit], axis=1))
+        H = np.einsum("bpq,qr,bsr->bps", W, self.M[:q, :q], W, optimize=True)
+        return H, W @ self.M[:q, -1], float(self.M[-1, -1]), self.times.log_prior(log_T)
 
-    @staticmethod
-    def _objective(a: NDArray, H: NDArray, g: NDArray, yy: float, mean: NDArray, sd: NDArray) -> NDArray:
-        e = np.exp(np.clip(a, -300, 300))
-        quadratic = np.einsum("bp,bps,bs->b", e, H, e, optimize=True)
-        return -0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + quadratic) - 0.5 * np.sum(((a - mean) / sd)**2, axis=1)
+    def coordinates(self, cube: NDArray) -> NDArray:
+        """Coordinates (B, d) of the model at points of the cube."""
+        z = np.empty((len(cube), self.model.dimension))
+        z[:, self.nonlinear] = self.times.at(cube)
+        z[:, self.linear] = self.solve(cube)[0]
+        return z
+
+
+class MechanicalSearch(_Projection):
+    """Relaxation times and zeros of position of Hooke's law with a network on mechanical recordings.
+
+    In contact the force is linear in the moduli; blocks with next to no force are left out, since there the plates
+    may have parted. A GKV is searched as the GM that is the same function.
+    """
+
+    def __init__(self, model: Model, groups: list[BlockGroup], zeros: list[tuple[str, float, float]], sigma: float,
+                 rho: float, rng: np.random.Generator, draws: int = 4000):
+        self.model, self.groups, self.zeros = model, groups, zeros
+        values = model.physical(model.prior_draws(draws, rng))
+        n = model.spec.elements
+        if model.spec.network == "gkv":
+            values = {**values, **(maxwell_form(model, values) or {})}
+        self.damped = model.spec.network == "gkm"
+        self.names = ["Y_Pa", *(f"k_{i}_Pa" for i in range(1, n + 1)), *(["d0_Pa_s"] if self.damped else [])]
+        logs = np.log(np.stack([values[name] for name in self.names], axis=1))
+        self.times = _Times(np.log(np.stack([values[f"tau_{i}_s"] for i in range(1, n + 1)], axis=1))) if n else None
+        self.elements = n
+        self.weight = (1 - rho) / (1 + rho) / sigma**2
+        super().__init__(n + len(zeros), logs.mean(axis=0), logs.std(axis=0))
+
+    def positions(self, cube: NDArray) -> dict[str, NDArray]:
+        """Zeros of position (B,) by recording."""
+        from scipy.special import ndtri
+
+        return {name: mean + sd * ndtri(np.clip(cube[:, self.elements + i], 1e-4, 1 - 1e-4))
+                for i, (name, mean, sd) in enumerate(self.zeros)}
+
+    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+        """See `_Projection`."""
+        B, p, n = len(cube), len(self.names), self.elements
+        log_tau = self.times.at(cube[:, :n]) if self.times else np.zeros((B, 0))
+        zeros = self.positions(cube)
+        H, g, yy = np.zeros((B, p, p)), np.zeros((B, p)), 0.0
+        # p unit networks for each particle, one after the other
+        tau = np.repeat(np.exp(log_tau), p, axis=0)
+        unit = np.tile(np.eye(p), (B, 1))
+        material = Material(0, np.ascontiguousarray(unit[:, :1]), GKM if self.damped else GM,
+                            np.ascontiguousarray(unit[:, 1:1 + n]), np.ascontiguousarray(tau),
+                            np.ascontiguousarray(unit[:, 1 + n]) if self.damped else np.zeros(B * p))
+        for group in self.groups:
+            for record in group.records:
+                name = record.prepared.name
+                if name not in zeros:
+                    continue
+                X = forces(material, record.h, record.drive, np.repeat(zeros[name], p),
+                           record.prepared.recording.actuator, 0)[:, 1:].reshape(B, p, -1)
+                touching = np.abs(record.y) > 0.02 * np.abs(record.y).max()
+                w = np.where(touching, self.weight * record.blocks.count, 0.0)
+                total = w.sum() + record.precision[0]
+                ones_x, ones_y = X @ w, float(w @ record.y)
+                H += np.einsum("bpk,k,bsk->bps", X, w, X, optimize=True) - ones_x[:, :, None] * ones_x[:, None, :] / total
+                g += X @ (w * record.y) - ones_x * ones_y / total
+                yy += float(w @ record.y**2) - ones_y**2 / total
+        log_prior = self.times.log_prior(log_tau) if self.times else np.zeros(B)
+        for name, mean, sd in self.zeros:
+            log_prior = log_prior - 0.5 * ((zeros[name] - mean) / sd)**2
+        return H, g, yy, log_prior
+
+    def coordinates(self, cube: NDArray) -> NDArray:
+        """Coordinates of the model followed by the zeros (B, d + zeros) at points of the cube."""
+        a, _ = self.solve(cube)
+        n = self.elements
+        values = {name: np.exp(a[:, i]) for i, name in enumerate(self.names)}
+        if self.times:
+            tau = np.exp(self.times.at(cube[:, :n]))
+            values |= {f"tau_{i + 1}_s": tau[:, i] for i in range(n)}
+        if self.model.spec.network == "gkv":
+            k = np.stack([values[f"k_{i}_Pa"] for i in range(1, n + 1)], axis=1)
+            D, c, T = maxwell_to_modes(np.ascontiguousarray(values["Y_Pa"]), k, tau, np.zeros(len(a)))
+            values = {"Y_Pa": 1 / D} | {f"k_{i + 1}_Pa": 1 / c[:, i] for i in range(n)} | {
+                f"tau_{i + 1}_s": T[:, i] for i in range(n)}
+        z = self.model.from_prior_coordinates(self.model.priors.to_coordinates(values))
+        zeros = self.positions(cube)
+        return np.concatenate([z, *(zeros[name][:, None] for name, _, _ in self.zeros)], axis=1)
 
 
 def find_map(posterior: Posterior, search_model: Model, linear_groups: list[LinearGroup], rng: np.random.Generator,
@@ -129,8 +240,11 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
     its within-block reference moved to a point (None when nothing is in blocks).
     """
     s = settings or MapSettings()
+    plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
     if linear_groups and search_model.separable:
-        starts, evaluations = _projected_starts(posterior, search_model, linear_groups, rng, s)
+        starts, evaluations = _voltage_starts(posterior, search_model, linear_groups, rng, s)
+    elif not linear_groups and plain and posterior.zeros:
+        starts, evaluations = _mechanical_starts(posterior, search_model, rng, s)
     else:
         starts, evaluations = _box_starts(posterior, rng, s)
     if refresh is not None:
@@ -162,7 +276,7 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
     else:
         agree = sum(f.value >= best.value - s.agreement for f in found)
     evaluations += sum(f.evaluations for f in {id(f): f for f in found}.values())
-    return MapResult(best.x, best.value, best.hessian, s.swarms, int(agree), evaluations, best.converged), posterior
+    return MapResult(best.x, best.value, best.hessian, len(starts), int(agree), evaluations, best.converged), posterior
 
 
 def posterior_scale(posterior: Posterior) -> NDArray:
@@ -177,21 +291,54 @@ def posterior_scale(posterior: Posterior) -> NDArray:
     return scale
 
 
-def _projected_starts(posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator,
-                      s: MapSettings) -> tuple[list[NDArray], int]:
-    channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
-    search = ProjectedSearch(search_model, [g for g in groups if g.fitted], channel.sigma_guess,
-                             np.array(channel.rho_guess), rng)
+def _run_swarms(search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings
+                ) -> tuple[NDArray, int]:
+    """Coordinates (swarms, .) where the swarms ended, best first."""
     result = multi_swarm(lambda cube: -search.solve(cube)[1], np.zeros(search.dimension), np.ones(search.dimension),
                          s.swarm, rng, swarms=s.swarms, tolerance=s.agreement)
-    z, _ = search.solve(np.array(result.points))
+    return search.coordinates(np.array(result.points)[np.argsort(result.values)]), search.evaluations
+
+
+def _voltage_starts(posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator,
+                    s: MapSettings) -> tuple[list[NDArray], int]:
+    channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
+    search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
+    z, evaluations = _run_swarms(search, rng, s)
     tail = posterior.noise_guess()
-    order = np.argsort(result.values)
-    starts = []
-    for i in order:
-        full = z[i] if search_model is posterior.model else _from_linear(posterior.model, search_model, z[i])
-        starts.append(np.concatenate([full, tail]))
-    return starts, search.evaluations
+    return [_place_zeros(posterior, np.concatenate([_own(posterior.model, search_model, row), tail]))
+            for row in z], evaluations
+
+
+def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
+    """Start with each zero of position at the best place of a grid over its prior, then of a finer one."""
+    d = posterior.model.dimension
+    start = start.copy()
+    for width in (3.0, 0.1) if posterior.zeros else ():
+        for i, zero in enumerate(posterior.zeros):
+            center = zero.mean if width > 1 else start[d + i]
+            points = np.tile(start, (61, 1))
+            points[:, d + i] = center + width * zero.sd * np.linspace(-1, 1, 61)
+            values = posterior.log_prob(points)
+            if np.isfinite(values).any():
+                start = points[int(np.nanargmax(np.where(np.isfinite(values), values, -np.inf)))]
+    return start
+
+
+def _mechanical_starts(posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings
+                       ) -> tuple[list[NDArray], int]:
+    channel = next(c for c in posterior.channels if c.channel == "force")
+    groups = [g for g in posterior.groups if isinstance(g, BlockGroup) and g.channel == "force"]
+    zeros = [(z.recording, z.mean, z.sd) for z in posterior.zeros]
+    search = MechanicalSearch(search_model, groups, zeros, max(channel.sigma_guess, channel.sigma_median),
+                              float(np.clip(channel.rho_guess[0], 0.0, 0.99)), rng)
+    rows, evaluations = _run_swarms(search, rng, s)
+    d = search_model.dimension
+    noise = posterior.noise_guess()[len(zeros):]
+    return [np.concatenate([_own(posterior.model, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
+
+
+def _own(model: Model, search_model: Model, z: NDArray) -> NDArray:
+    return z if search_model is model else _from_linear(model, search_model, z)
 
 
 def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
@@ -201,8 +348,6 @@ def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
         if name in linear.coordinate_names:
             center[i] = z[linear.coordinate_names.index(name)]
     if model.spec.network == "none":
-        from .models.model import PRIMARY
-
         primary, factor = PRIMARY[model.spec.law or "hooke"]
         center[model.priors.names.index(primary)] = z[0] - np.log(factor)
     return center

@@ -1,1 +1,1 @@
-""""""
+"""Inference that knows nothing of actuators: optimisation, sampling, evidence, importance weights."""

@@ -13,6 +13,7 @@ import os
 import tempfile
 import time
 import warnings
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -53,7 +54,7 @@ class EnsembleSettings:
     jump_weight: float = 0.15
     stretch_weight: float = 0.0
     de_sigma: float = 1e-5
-    max_stored: int = 6_000
+    max_stored: int = 4_000
     checkpoint_seconds: float = 10.0
 
     def __post_init__(self) -> None:
@@ -372,7 +373,7 @@ class _Store:
                 a["coords"], a["values"], random, [[c] for c in a["chain"]], [[p] for p in a["log_prob"]],
                 a["accepted"], step, thin, evaluations, nan_count,
             )  # fmt: skip
-        except (KeyError, ValueError, OSError, EOFError) as error:
+        except (KeyError, ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: not a checkpoint of a sampler ({error}); start without it") from error
 
 

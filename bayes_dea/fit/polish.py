@@ -52,8 +52,10 @@ def polish_least_squares(
     if not np.all(np.isfinite(r)):
         raise InputError(f"polish: residuals are not finite at {x}; start where the model is defined")
     chi2 = float(r @ r)
+    # Of a fit to exact data nothing is left but rounding; dividing by less than that would overflow.
+    floor = max(1e-14 * float(np.sqrt(chi2 / len(r))), 1e-100)
     for _ in range(passes):
-        unit = max(float(np.sqrt(chi2 / len(r))), 1e-290)
+        unit = max(float(np.sqrt(chi2 / len(r))), floor)
         # What a refused trial returns: worse than anything a useful step could bring.
         refused = np.full(len(r), 1e6)
 
@@ -77,7 +79,7 @@ def polish_least_squares(
         gain, x, chi2 = chi2 - new_chi2, fit.x, new_chi2
         if gain <= 1e-12 * chi2:
             break
-    jacobian = slopes.jacobian(x, max(float(np.sqrt(chi2 / len(r))), 1e-290))
+    jacobian = slopes.jacobian(x, max(float(np.sqrt(chi2 / len(r))), floor))
     for _ in range(3 if tolerance < 1e-12 else 0):
         # The last digits: chi2 is flat to rounding long before the full Gauss-Newton step vanishes.
         size = np.linalg.norm(jacobian, axis=0)
@@ -89,7 +91,7 @@ def polish_least_squares(
         if not float(new @ new) <= chi2 * (1.0 + 1e-13):
             break
         x, chi2 = trial, float(new @ new)
-        jacobian = slopes.jacobian(x, max(float(np.sqrt(chi2 / len(r))), 1e-290))
+        jacobian = slopes.jacobian(x, max(float(np.sqrt(chi2 / len(r))), floor))
     return LeastSquaresPolish(x, chi2, jacobian, slopes.evaluations)
 
 
@@ -222,9 +224,6 @@ def polish_newton(
         g, h, sure = _differences(f, x, value, t, s.step)
         eig, vec = np.linalg.eigh(h)
         definite = bool(eig.max() < 0.0) and sure
-        inverse = np.linalg.pinv(t)
-        full = inverse.T @ h @ inverse
-        hessian = np.where(free[:, None] & free[None, :], full, np.nan)
         # Directions that curve the wrong way, or hardly, are climbed as if they curved downwards.
         curvature = np.maximum(np.abs(eig), 1e-6)
         slope = vec.T @ g
@@ -250,6 +249,14 @@ def polish_newton(
         done = definite and stable and 0.5 * norm**2 < s.tolerance
         if iteration > 3 and not better and stable and 0.5 * norm**2 < 1e3 * s.tolerance:
             break
+    if free.any():
+        # Two widths extrapolated to none (Richardson), at the optimum itself.
+        t = _principal(axes, free)
+        wide, narrow = (_differences(f, x, value, t, w) for w in (s.step, 0.5 * s.step))
+        h = (4.0 * narrow[1] - wide[1]) / 3.0
+        done = done and narrow[2] and bool(np.linalg.eigvalsh(h).max() < 0.0)
+        inverse = np.linalg.pinv(t)
+        hessian = np.where(free[:, None] & free[None, :], inverse.T @ h @ inverse, np.nan)
     return NewtonPolish(x, value, hessian, ~free, norm, bool(done), iteration, evaluations)
 
 

@@ -21,6 +21,7 @@ from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.model import Model
 from ..noise.blocks import Blocks, _whiten, block_means, log_blocks
 from ..noise.stated import NoiseTerms
+from ..simulate import POSITION_BLOCKS
 from .linear_group import nuisance_sd
 from .prepare import Prepared, RateClasses
 
@@ -40,6 +41,7 @@ class BlockRecord:
     place: NDArray[np.int64]  # (nb,) interval of each block
     share: NDArray[np.float64]  # (nb,) weight of the interval's end in the block's mean
     contact: int = 0
+    input_variance: float = 0.0  # of one sample of the output, by the scatter of a measured input
     within: NDArray[np.float64] | None = None  # sums of the reference residual, see `_within_sums`
 
     @property
@@ -48,8 +50,12 @@ class BlockRecord:
         return self.prepared.recording.is_voltage
 
 
-def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int) -> BlockRecord:
-    """Cut one recording into blocks and intervals."""
+def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0) -> BlockRecord:
+    """Cut one recording into blocks and intervals.
+
+    input_variance: scatter of a measured input carried into the output, per sample: it acts on block means, while
+    within a block the model sees the mean of the input only.
+    """
     r = prepared.recording
     t = r.time_s
     masked = ~prepared.observed & np.isfinite(prepared.y)
@@ -62,7 +68,7 @@ def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int) -> Block
         values = stress
     else:
         position = r.columns["position_m"]
-        blocks = log_blocks(t, position, y=y, mask=masked)
+        blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked)
         centre = block_means(position, blocks)
         start = max(0, int(np.argmax(np.isfinite(position))))
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
@@ -74,7 +80,7 @@ def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int) -> Block
         contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
     columns = block_means(prepared.nuisance().T, blocks, masked)
     return BlockRecord(prepared, blocks, block_means(y, blocks, masked), columns,
-                       1.0 / nuisance_sd(prepared, terms)**2, rate, h, np.ascontiguousarray(values), place, share, contact)
+                       1.0 / nuisance_sd(prepared, terms)**2, rate, h, np.ascontiguousarray(values), place, share, contact, input_variance)
 
 
 def _intervals(dt: NDArray, stress: NDArray, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -228,7 +234,7 @@ class BlockGroup:
             out = np.empty((B, 4))
             r = np.ascontiguousarray(rho[:, record.rate])
             _project(X, record.y, record.nuisance, record.precision, record.blocks.count, record.blocks.gap, sigma, r,
-                     self.quantisation_variance, out)
+                     self.quantisation_variance + record.input_variance, out)
             sums += out
             if record.within is not None:
                 within = np.empty(B)
@@ -264,12 +270,12 @@ class BlockGroup:
 
 
 def build_block_groups(prepared: Sequence[Prepared], terms: Mapping[str, NoiseTerms], rates: RateClasses,
-                       channel: str) -> list[BlockGroup]:
-    """One group per specimen."""
+                       channel: str, input_variance: Mapping[str, float] | None = None) -> list[BlockGroup]:
+    """One group per specimen. input_variance: see `make_block_record`, by recording name."""
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]
-        records = tuple(make_block_record(p, terms[p.name], rates.of(p)) for p in members)
+        records = tuple(make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0)) for p in members)
         groups.append(BlockGroup(channel, specimen, records, max(terms[p.name].gain_sd for p in members),
                                  terms[members[0].name].quantisation_variance))
     return groups

@@ -38,7 +38,9 @@ GM, GKM, GKV = range(3)
 NETWORKS = {"gm": GM, "gkm": GKM, "gkv": GKV}
 
 #: allowed difference of the quadratic and the linear path at the end of a step, in strain
-PATH_TOLERANCE = 2e-8
+PATH_TOLERANCE = 5e-9
+#: steps tried within one interval before the answer is nan: a law that softens runs away, others need tens
+_MAX_TRIES = 20_000
 #: within this strain of the last evaluation the law is its tangent there: the error is below
 #: E'/(2E) 1e-11, which for E'/E = 10 is 0.5 pm of the reference stack
 TANGENT_RADIUS = 3e-6
@@ -103,6 +105,8 @@ def _balance(law_id: int, p: Array, e0: float, s0: float, tangent0: float, P: fl
         return y, math.nan, s0, tangent0
     if law_id == HOOKE:
         return y, e0, s0, tangent0
+    if math.isnan(r):
+        return math.nan, math.nan, s0, tangent0
     low, high = _E_LOW, _E_HIGH
     if r < 0.0:
         low = e0
@@ -171,7 +175,7 @@ def _creep_gm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, h:
               sigma: float, regular: Array, work: Array, e: float, e_c: float, s_c: float, t_c: float,
               ) -> tuple[float, float, float, float]:
     """GM under constant stress for h, starting in balance. `regular` holds the tables of h itself."""
-    rest, step = h, h
+    rest, step, tries = h, h, 0
     while rest > 0.0:
         table = regular
         if step != h:
@@ -187,9 +191,13 @@ def _creep_gm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, h:
         straight = pull * step * (1.0 / (t_c + K))
         y, at, s_at, t_at = _balance(law_id, p, e, s, t_c, end, balance + straight * (mean - end))
         error = abs((straight - y) * (mean - end) * (1.0 / (t_c + end)))
-        if error > PATH_TOLERANCE and step > 1e-7 * h:
+        tries += 1
+        if error > PATH_TOLERANCE and step > 1e-7 * h and tries < _MAX_TRIES:
             step = _shorter(step, error)
             continue
+        if tries >= _MAX_TRIES:
+            y = math.nan
+            step = rest
         if not math.isnan(at):
             e_c, s_c, t_c = at, s_at, t_at
         for i in range(n):
@@ -258,10 +266,10 @@ def _creep_gkm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, d
     """GKM under constant stress for h: d0 e' = sigma - s_static(e) - Q, Q = sum q.
 
     With G = E + K at the start, v = e'(0) and y = e - e(0) this is d0 y' = d0 v - G y + N(t): N holds the
-    relaxation of the branches (its slope at 0 is S = sum q/tau) and the curvature of the law. N is S t + c t^2
-    with its end value solved for; the answer of y and of the branches to it is then exact, also for h >> d0/G.
+    relaxation of the branches (its slope at 0 is S = sum q/tau) and the curvature of the law. N is taken as
+    S t + c t^2 with its end value solved for; how y and the branches answer is exact, for h >> d0/G too.
     """
-    rest, step = h, h
+    rest, step, tries = h, h, 0
     while rest > 0.0:
         table = regular
         if step != h:
@@ -301,9 +309,13 @@ def _creep_gkm(law_id: int, p: Array, n: int, k: Array, rate: Array, K: float, d
         y, at, s_at, t_at = _balance(law_id, p, e, s, t_c, P, r)
         beyond = (y - y_start) / y_unit - linear
         error = abs(beyond) * (unit * (phi[2] - 2.0 * phi[3]) + slack / (G * G))
-        if error > PATH_TOLERANCE and step > 1e-7 * h:
+        tries += 1
+        if error > PATH_TOLERANCE and step > 1e-7 * h and tries < _MAX_TRIES:
             step = _shorter(step, error)
             continue
+        if tries >= _MAX_TRIES:
+            y = math.nan
+            step = rest
         if not math.isnan(at):
             e_c, s_c, t_c = at, s_at, t_at
         for i in range(n):
@@ -379,7 +391,8 @@ def stress_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
 
 @_jit
 def _free_flight(law_id: int, p: Array, network: int, n: int, k: Array, rate: Array, K: float, d0: float,
-                 h: float, q: Array, regular: Array, work: Array, joint: Array, phi: Array, e: float) -> float:
+                 h: float, q: Array, regular: Array, work: Array, joint: Array, phi: Array, e: float,
+                 ) -> float:
     """The material left alone at zero stress for h; returns its strain, q is moved on.
 
     Rare, so nothing is reused: the tables of h are built here, in `regular`.
@@ -420,7 +433,7 @@ def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: fl
         spring -= q[i]
     speed = (end - start) / h
     s, t = law_stress_tangent(law_id, p, spring)
-    rest, step = h, h
+    rest, step, tries = h, h, 0
     while rest > 0.0:
         table = regular
         if step != h:
@@ -444,9 +457,13 @@ def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: fl
             t_new = t_at
         rise = s_new - s
         error = abs((rise - slope) * (mean - last)) / (1.0 + t * last)
-        if error > PATH_TOLERANCE and step > 1e-7 * h:
+        tries += 1
+        if error > PATH_TOLERANCE and step > 1e-7 * h and tries < _MAX_TRIES:
             step = _shorter(step, error)
             continue
+        if tries >= _MAX_TRIES:
+            rise = math.nan
+            step = rest
         for i in range(n):
             new[i] += ((s / k[i] - new[i]) * table[_LOSS, i]
                        + (slope * (1.0 - table[_MEAN, i]) + (rise - slope) * (1.0 - table[_END, i])) / k[i])
@@ -575,24 +592,42 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
     state[1:] = q
 
 
-def _stress_batch(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array, sigma: Array,
-                  state: Array, e_jump: Array, e_end: Array) -> None:
-    for j in prange(p.shape[0]):
-        stress_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, sigma, state[j], e_jump[j], e_end[j])
+@njit(cache=True)
+def stress_batch_kernel(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array,
+                        sigma: Array, state: Array, e_jump: Array, e_end: Array) -> None:
+    """`stress_driven_kernel` for B parameter vectors; every array but h and sigma has a leading axis B."""
+    for j in range(p.shape[0]):
+        stress_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, sigma, state[j], e_jump[j],
+                             e_end[j])
 
 
-def _strain_batch(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array, e: Array,
-                  contact: int, state: Array, stress: Array, e_material: Array) -> None:
-    for j in prange(p.shape[0]):
+@njit(cache=True)
+def strain_batch_kernel(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array,
+                        e: Array, contact: int, state: Array, stress: Array, e_material: Array) -> None:
+    """`strain_driven_kernel` for B parameter vectors; every array but h and e has a leading axis B."""
+    for j in range(p.shape[0]):
         strain_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, e, contact, state[j], stress[j],
                              e_material[j])
 
 
-stress_batch_kernel = njit(cache=True)(_stress_batch)
-strain_batch_kernel = njit(cache=True)(_strain_batch)
-# kept apart, since threads inside processes that are many already only slow each other down
-stress_batch_threads = njit(cache=True, parallel=True)(_stress_batch)
-strain_batch_threads = njit(cache=True, parallel=True)(_strain_batch)
+# Written out again, because numba's cache does not tell two compilations of one function apart; kept
+# optional, because threads inside processes that are many already only slow each other down.
+@njit(cache=True, parallel=True)
+def stress_batch_threads(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array,
+                         sigma: Array, state: Array, e_jump: Array, e_end: Array) -> None:
+    """`stress_batch_kernel` with the parameter vectors spread over several cores."""
+    for j in prange(p.shape[0]):
+        stress_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, sigma, state[j], e_jump[j],
+                             e_end[j])
+
+
+@njit(cache=True, parallel=True)
+def strain_batch_threads(law_id: int, p: Array, network: int, k: Array, tau: Array, d0: Array, h: Array,
+                         e: Array, contact: int, state: Array, stress: Array, e_material: Array) -> None:
+    """`strain_batch_kernel` with the parameter vectors spread over several cores."""
+    for j in prange(p.shape[0]):
+        strain_driven_kernel(law_id, p[j], network, k[j], tau[j], d0[j], h, e, contact, state[j], stress[j],
+                             e_material[j])
 
 
 class StressDriven(NamedTuple):

@@ -134,8 +134,9 @@ def read(path: Path) -> NistSet:
             rows.append([float(v) for v in line.split("=")[1].split()])
         elif "Sum of Squares" in line:
             rss = float(line.split(":")[1])
-        elif "Degrees of Freedom" in line:
-            dof = int(line.split(":")[1])
+        elif "Residual Standard Deviation" in line:
+            # Not from the line "Degrees of Freedom": Rat43 prints 9 there and divides by 11.
+            dof = round(rss / float(line.split(":")[1]) ** 2)
     table = np.array(rows)
     data = np.array([[float(v) for v in line.split()] for line in lines[60:] if line.strip()])
     y, x = data[:, 0], data[:, 1:].T

@@ -69,7 +69,7 @@ def test_all_sets_are_there(folder):
 
 @pytest.mark.parametrize("name", ["Misra1a", "Chwirut2", "Eckerle4"])
 def test_posterior_sd_where_nearly_linear(folder, name):
-    """Flat prior on b, 1/sigma on sigma: p(b | y) ~ chi2(b)^(-n/2), for a linear model a t with nu = n - d."""
+    """Flat prior on b, 1/sigma on sigma: p(b | y) ~ chi2(b)^(-n/2), a t with nu = n - d if linear."""
     s = nist_sets.read(folder / f"{name}.dat")
     fit = _fit(s)
     rng = np.random.default_rng(7)

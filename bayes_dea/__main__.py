@@ -1,0 +1,5 @@
+"""`python -m bayes_dea` is `bayes-dea`."""
+
+from .cli import main
+
+main()
