@@ -249,7 +249,7 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
         starts, evaluations = _box_starts(posterior, rng, s)
     if refresh is not None:
         posterior = refresh(posterior, starts[0])
-    newton = NewtonSettings(tolerance=1e-5, max_iterations=80)
+    newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
     found: list[NewtonPolish] = []
     ends: list[NDArray] = []
     for start in starts:

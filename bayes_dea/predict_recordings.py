@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from .assemble import Assembled
 from .campaign.schema import Recording
@@ -103,7 +104,7 @@ def predict_all(assembled: Assembled, posterior: Posterior, draws: NDArray, rng:
             report(done, len(jobs), p.name)
         return result
 
-    with ThreadPoolExecutor(max(1, workers)) as pool:
+    with threadpool_limits(1), ThreadPoolExecutor(max(1, workers)) as pool:
         return list(pool.map(run, jobs))
 
 
@@ -170,7 +171,9 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
     floor = p.quiet_sd if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else noise_sd
     block_var = _block_variance(blocks, noise_sd, rho_mean)
     replicated = f + np.sqrt(offset_var.mean() + block_var) * rng.standard_normal(f.shape)
-    uniform = metrics.pit(y, mean, sd)
+    # a quantised reading stands for its whole step: spread over it, else the steps themselves look non-uniform
+    step = p.sensor.resolution or 0.0
+    uniform = metrics.pit(y + step * (rng.random(y.size) - 0.5), mean, sd)
     return Prediction(
         p.name, r.role, p.channel, p.n, metrics.rmse(residual), metrics.rmse(np.where(p.observed, raw_residual, np.nan)), metrics.r2(y, mean),
         metrics.reduced_chi2(residual, floor), metrics.coverage(y, mean, sd, 0.5), metrics.coverage(y, mean, sd, 0.9),

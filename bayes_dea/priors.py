@@ -21,6 +21,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -319,10 +320,9 @@ def log_interval_mass(low: float, high: float) -> float:
 # ---------------------------------------------------------------- files and overrides
 
 def prior_folder() -> Path:
-    """Where the prior files lie: beside the package in a checkout, inside it when installed."""
-    here = Path(__file__).resolve().parent
-    inside = here / "prior_files"
-    return inside if inside.is_dir() else here.parent / "priors"
+    """Where the prior files lie: beside the package in a checkout, under the environment's share/ when installed."""
+    checkout = Path(__file__).resolve().parent.parent / "priors"
+    return checkout if checkout.is_dir() else Path(sys.prefix) / "share" / "bayes-dea" / "priors"
 
 
 def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Parameter:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -181,6 +182,9 @@ def nested_log_evidence(
         value = float(log_likelihood(theta[None])[0])
         return value if np.isfinite(value) else -1e300
 
-    sampler = dynesty.NestedSampler(one, prior_transform, d, nlive=live_points, rstate=rng, sample=sample)
-    sampler.run_nested(dlogz=dlogz, print_progress=False)
+    with warnings.catch_warnings():
+        # dynesty repeats its remark about wide bounds at every update.
+        warnings.simplefilter("once")
+        sampler = dynesty.NestedSampler(one, prior_transform, d, nlive=live_points, rstate=rng, sample=sample)
+        sampler.run_nested(dlogz=dlogz, print_progress=False)
     return float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1])

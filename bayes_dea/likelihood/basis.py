@@ -112,11 +112,13 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
     T = np.exp(nodes)
     rng = np.random.default_rng(0)
     picked = []
-    for d in _different(drives):
-        picked.append(_responses_at(d, T, _sample_rows(d, rng)) * (1 + T / reference))
+    different = _different(drives)
+    for d in different:
+        rows = _sample_rows(d, rng, max(300, 9000 // len(different)))
+        picked.append(_responses_at(d, T, rows) * (1 + T / reference))
     A = np.concatenate(picked)
     largest = np.abs(A).max() or 1.0
-    _, R, pivots = qr(A / largest, mode="economic", pivoting=True)
+    R, pivots = qr(A / largest, mode="r", pivoting=True, overwrite_a=True, check_finite=False)
     diagonal = np.abs(np.diag(R))
     K = max(1, int(np.sum(diagonal > tolerance * diagonal[0])))
     keep = pivots[:K]

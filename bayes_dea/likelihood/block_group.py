@@ -165,6 +165,9 @@ def _within_terms(sums, residual_means, counts, gaps, sigma, rho, white, out):
     W = np.empty((1, n))
     column[0] = residual_means
     for b in range(sigma.size):
+        if not (sigma[b] > 0 and abs(rho[b]) < 1):
+            out[b] = np.nan
+            continue
         s2 = sigma[b] * sigma[b] + white
         total = sums[0] / s2 + sums[5] * math.log(2 * math.pi * s2)
         v = s2 * (1 - rho[b] * rho[b])

@@ -109,7 +109,8 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
     if not prepared:
         return []
     drives = {p.name: stroke_drive(p) for p in prepared}
-    basis = build_basis(list(drives.values()))
+    with threadpool_limits(1):
+        basis = build_basis(list(drives.values()))
 
     def chain(members: list[Prepared]) -> list[tuple[str, RecordGram]]:
         """Recordings that follow each other without rest share their memory, so they are collected in order."""

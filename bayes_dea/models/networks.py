@@ -22,7 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@nb.njit(cache=True)
+# division by zero, where absurd parameters coincide, gives inf or nan: the caller turns both into -inf
+_jit = nb.njit(cache=True, error_model="numpy")
+
+
+@_jit
 def _root(low, high, weights, poles, constant, over_t, sign):
     """Root of constant - over_t/T - sum w_i/(T - p_i) on (low, high), where it rises with T for sign = +1."""
     a, b = low, high
@@ -46,7 +50,7 @@ def _root(low, high, weights, poles, constant, over_t, sign):
     return x
 
 
-@nb.njit(cache=True)
+@_jit
 def maxwell_to_modes(Y, k, tau, d0):
     """GM (d0 = 0) or GKM (d0 > 0) to modes. Y (B,) Pa, k (B, n) Pa, tau (B, n) s falling, d0 (B,) Pa s.
 
@@ -78,7 +82,7 @@ def maxwell_to_modes(Y, k, tau, d0):
     return D, c, T
 
 
-@nb.njit(cache=True)
+@_jit
 def modes_to_maxwell(D, c, T):
     """Modes to GM (D > 0) or GKM (D = 0): the inverse of `maxwell_to_modes`.
 
@@ -108,7 +112,7 @@ def modes_to_maxwell(D, c, T):
     return Y, k, tau, d0
 
 
-@nb.njit(cache=True)
+@_jit
 def process_to_modes(Kp, Tz, Tp):
     """PZ3 (Eq. 13 of the reference paper): Kp (1 + Tz p)/prod(1 + Tp_i p) to c (B, 3), T (B, 3), dimensionless c."""
     B, m = Tp.shape

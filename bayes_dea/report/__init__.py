@@ -1,1 +1,1 @@
-""""""
+"""The page of a calibration: numbers for reading, pictures, template; and the summary for a terminal."""

@@ -1,0 +1,144 @@
+"""How pictures look, and how they get into the page as self-contained SVG."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, dark and light alternating so that they differ in grey as well
+BLUE, VERMILLION, ORANGE, GREEN, BLACK, GREY = "#0072B2", "#D55E00", "#E69F00", "#009E73", "#1a1a1a", "#8a8a8a"
+BAND_90, BAND_50 = "#d9eaf5", "#a6cde6"
+#: ensembles: colour and line style both differ
+CHAIN_STYLES = ((BLUE, "-"), (VERMILLION, "--"), (GREEN, "-."), (ORANGE, ":"), (BLACK, "-"), (GREY, "--"))
+WIDTH_IN = 6.7  # 640 CSS pixels: shown at its own size from the narrowest screen on
+
+_RC: dict[str, Any] = {
+    "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5, "legend.frameon": False, "legend.handlelength": 1.6, "font.family": "sans-serif",
+    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": "#555555",
+    "axes.unicode_minus": True, "axes.formatter.useoffset": False, "axes.formatter.use_mathtext": False,
+    "lines.linewidth": 1.3, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.color": "#333333",
+    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "svg.hashsalt": "bayes-dea",
+    "path.simplify": True, "path.simplify_threshold": 0.3, "figure.dpi": 96.0,
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture of the page: source for an image tag, caption, words for who cannot see it, size in CSS pixels."""
+
+    source: str
+    caption: str
+    alt: str
+    width: int
+    height: int
+
+
+@contextmanager
+def looks() -> Iterator[None]:
+    """The style of the report, for as long as the block lasts; the caller's settings stay as they are."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_RC):
+        yield
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
+    """A figure that no global list knows: gone when it is no longer used."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in))
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def picture(figure: Figure, caption: str, alt: str) -> Picture:
+    """Embed a figure as a data URI."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    # a hundredth of a point is finer than any screen or printer; it halves the page
+    text = re.sub(r' d="([^"]+)"', lambda m: ' d="' + re.sub(r"(\.\d\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
+                  buffer.getvalue())
+    width, height = figure.get_size_inches() * 96
+    source = "data:image/svg+xml;base64," + base64.b64encode(text.encode()).decode()
+    return Picture(source, caption, alt, round(width), round(height))
+
+
+def dots(ax: Axes, x: NDArray, y: NDArray, size: float = 2.2, color: str = BLACK, zorder: float = 3) -> None:
+    """Round dots as one path: a tenth of the bytes of markers, which matters with twenty recordings on a page."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    good = np.isfinite(x) & np.isfinite(y)
+    points = np.repeat(np.column_stack([x[good], y[good]]), 2, axis=0)
+    if not len(points):
+        return
+    # a stroke of next to no length with round ends is a dot; of no length at all some viewers leave it out
+    codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(points) // 2)
+    path = Path(points, codes)
+    path.should_simplify = False
+    ax.add_patch(PathPatch(path, fill=False, edgecolor=color, linewidth=size, capstyle="round", zorder=zorder))
+
+
+def log_ticks(low: float, high: float, most: int = 5) -> NDArray[np.float64]:
+    """Ticks for a logarithmic axis: decades, thinned to `most`, or 1-2-5 steps within few decades."""
+    first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
+    decades = 10.0 ** np.arange(first, last + 1)
+    if len(decades) >= 3:
+        return decades[::max(1, -(-len(decades) // most))]
+    series = np.array([m * 10.0**e for e in range(first - 1, last + 1) for m in (1, 2, 5)])
+    inside = series[(series >= low) & (series <= high)]
+    if len(inside) >= 2:
+        return inside[::max(1, -(-len(inside) // most))]
+    return np.unique([float(f"{low:.2g}"), float(f"{high:.2g}")])
+
+
+def tick_text(value: float) -> str:
+    """A tick label in plain digits where they are short, powers of ten otherwise."""
+    if value != 0 and not 1e-3 <= abs(value) < 1e5:
+        exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
+        sign = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+        head = value / 10.0**exponent
+        return f"10{sign}" if abs(head - 1) < 1e-6 else f"{head:g}·10{sign}"
+    return f"{value:g}".replace("-", "−")
+
+
+def set_log_x(ax: Axes, low: float, high: float, most: int = 5) -> None:
+    """Logarithmic x axis between two limits with labels that any font can show."""
+    from matplotlib.ticker import NullLocator
+
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    ticks = log_ticks(low, high, most)
+    ax.set_xticks(ticks, [tick_text(t) for t in ticks])
+    ax.xaxis.set_minor_locator(NullLocator())
+
+
+def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArray[np.float64]:
+    """Gaussian kernel density of values on an even grid, largest value one. Silverman's width times `factor`."""
+    v = values[np.isfinite(values)]
+    if v.size < 2 or np.ptp(v) == 0:
+        return np.zeros_like(grid)
+    q = np.quantile(v, [0.25, 0.75])
+    spread = min(float(np.std(v)), float(q[1] - q[0]) / 1.349) or float(np.std(v))
+    step = float(grid[1] - grid[0])
+    width = max(0.9 * factor * spread * v.size**-0.2, 0.75 * step)
+    edges = np.concatenate([grid - step / 2, [grid[-1] + step / 2]])
+    counts = np.histogram(v, edges)[0].astype(float)
+    reach = int(np.ceil(4 * width / step))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
+    smooth = np.convolve(counts, kernel, mode="full")[reach:reach + len(grid)]
+    return smooth / smooth.max() if smooth.max() > 0 else smooth
