@@ -83,8 +83,19 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
     if mechanical:
         groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
     zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
-    posterior = Posterior(model, tuple(groups), tuple(channels), zeros)
-    search_model = model if model.is_linear else linearised(model)
+    specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
+    for p in prepared:
+        if p.recording.specimen not in specimens:
+            raise InputError(f"{p.name}: specimen {p.recording.specimen} has no recording to identify; give it one, "
+                             "or share all parameters by calling it the same specimen")
+    own = _own_parameters(campaign, model, specimens)
+    if own:
+        model = replace(model, plain=True)
+    posterior = Posterior(model, tuple(groups), tuple(channels), zeros, specimens, own)
+    if not model.is_linear:
+        search_model = linearised(model)
+    else:
+        search_model = replace(model, plain=False) if own else model
     return Assembled(campaign, posterior, prepared, terms, search_model, tuple(g for g in linear if g.fitted),
                      tuple(dict.fromkeys(warnings)))
 
@@ -103,6 +114,17 @@ def _usable(campaign: Campaign, model: Model, warnings: list[str]) -> tuple[Reco
         raise InputError(f"{campaign.name}: no recording with role = \"identify\" that {model.name} can be fitted to; "
                          "give at least one in campaign.toml")
     return tuple(used)
+
+
+def _own_parameters(campaign: Campaign, model: Model, specimens: tuple[str, ...]) -> tuple[int, ...]:
+    """Positions of the parameters that specimens do not share; all are shared where [share] says nothing."""
+    if campaign.share is None or len(specimens) < 2:
+        return ()
+    names = model.priors.names
+    unknown = [n for n in campaign.share if n not in names and n not in model.priors.fixed]
+    if unknown:
+        raise InputError(f"[share] parameters: {model.name} has no {', '.join(unknown)}; it has {', '.join(names)}")
+    return tuple(i for i, n in enumerate(names) if n not in campaign.share)
 
 
 def linearised(model: Model) -> Model:
@@ -193,14 +215,13 @@ def _zero_prior(p: Prepared) -> ZeroPrior:
 
 
 def _identifier(name: str) -> str:
-    stem = name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+    stem = name.rsplit(".", 1)[0]
     return "".join(ch if ch.isalnum() else "_" for ch in stem)
 
 
 def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
     """The posterior whose block groups take the level and correlation of the noise from the full residual at q."""
     q = np.atleast_2d(q)
-    values = {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(q)).items()}
     zeros = {k: float(v[0]) for k, v in posterior.zeros_part(q).items()}
     groups: list[LinearGroup | BlockGroup] = []
     for group in posterior.groups:
@@ -208,7 +229,9 @@ def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
             groups.append(group)
             continue
         sigma, rho = posterior.noise_part(q, group.channel)
-        gain = float(group.evaluate(posterior.model, posterior.model_part(q), posterior.zeros_part(q), sigma, rho)[0, 1])
+        z = posterior.model_part(q, group.specimen)
+        values = {k: float(v[0]) for k, v in posterior.model.physical(z).items()}
+        gain = float(group.evaluate(posterior.model, z, posterior.zeros_part(q), sigma, rho)[0, 1])
         residuals = {}
         for record in group.records:
             p = record.prepared

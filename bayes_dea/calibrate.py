@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings as python_warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from .fit.evidence import bridge_log_evidence
 from .likelihood.posterior import Posterior
 from .models.chain import maxwell_form
 from .models.model import Model, build_model
-from .predict_recordings import Prediction, conditional_gain, predict_all
+from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
 
 #: called with (phase, done, of, text)
@@ -102,7 +102,6 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
                                 assembled.refresh if assembled.has_blocks else None)
     clock.lap("map")
     start = _walkers(found, posterior, s, r_start)
-    derived = _derived(posterior)
 
     def on_check(p: Progress) -> None:
         tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
@@ -114,7 +113,7 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
         python_warnings.simplefilter("ignore", NotConvergedWarning)
         python_warnings.simplefilter("ignore", RuntimeWarning)
         sampling = sample(posterior.log_prob, start, s.sampler, r_sample, names=posterior.names, report=on_check,
-                          derived=derived, checkpoint=checkpoint,
+                          derived=lambda q: reported_quantities(posterior, q), checkpoint=checkpoint,
                           resume_from=checkpoint if checkpoint is not None and checkpoint.exists() else None)
     clock.lap("sample")
     say("evidence", 0, 1, "bridge sampling")
@@ -124,6 +123,7 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
     flat = draws.reshape(-1, draws.shape[-1])
     predictions = predict_all(assembled, posterior, flat, r_predict, s.predictive_draws, s.workers,
                               lambda i, n, name: say("predicting", i, n, name))
+    predictions = _refit_left_out(assembled, posterior, predictions, sampling.chains, r_predict)
     prior_draws = posterior.prior_draws(4000, r_prior)
     prior_predictive = _prior_predictive(assembled, posterior, prior_draws[:100])
     clock.lap("predict")
@@ -171,12 +171,18 @@ def _walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng
     return out
 
 
-def _derived(posterior: Posterior) -> Callable[[NDArray], dict[str, NDArray]]:
-    """Reported quantities, which have to converge as well as the coordinates they come from."""
-    def derived(q: NDArray) -> dict[str, NDArray]:
-        return {**posterior.model.reported(posterior.model_part(q)), **posterior.noise_quantities(q)}
-
-    return derived
+def reported_quantities(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
+    """All reported quantities of draws (B, d) but the gains: parameters of every specimen, noise, zeros of position."""
+    out = posterior.model.reported(posterior.model_part(q))
+    names = list(out)
+    for specimen in posterior.specimens[1:] if posterior.own else ():
+        values = posterior.model.reported(posterior.model_part(q, specimen))
+        # what is shared is the same number and not said twice
+        own = {posterior.model.priors.names[i] for i in posterior.own} if set(names) <= set(posterior.model.priors.names) else names
+        out |= {f"{name}_{specimen}": values[name] for name in names if name in own}
+    out |= posterior.noise_quantities(q)
+    zeros = posterior.zeros_part(q)
+    return out | {z.name: zeros[z.recording] for z in posterior.zeros}
 
 
 def _thinned(sampling: EnsembleResult, count: int) -> NDArray:
@@ -188,13 +194,47 @@ def _thinned(sampling: EnsembleResult, count: int) -> NDArray:
 
 def _quantities(posterior: Posterior, flat: NDArray, rng: np.random.Generator, shape: tuple[int, ...]
                 ) -> dict[str, NDArray]:
-    out = {**posterior.model.reported(posterior.model_part(flat)), **posterior.noise_quantities(flat)}
-    for recording, zero in posterior.zeros_part(flat).items():
-        out[next(z.name for z in posterior.zeros if z.recording == recording)] = zero
+    out = reported_quantities(posterior, flat)
     for (channel, specimen), (mean, sd) in conditional_gain(posterior, flat).items():
         suffix = "" if len({g.specimen for g in posterior.groups}) == 1 else f"_{specimen}"
         out[f"gain_{channel}{suffix}"] = mean + sd * rng.standard_normal(len(mean))
     return {name: np.asarray(v).reshape(shape) for name, v in out.items()}
+
+
+def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: list[Prediction], chains: NDArray,
+                    rng: np.random.Generator) -> list[Prediction]:
+    """ELPD of recordings whose leaving out moves the posterior too far for reweighting: sample without them.
+
+    Only where the likelihood is a Gram everywhere, so that a refit costs a second; elsewhere the ELPD stays unknown.
+    """
+    if assembled.has_blocks:
+        return predictions
+    out = []
+    quick = EnsembleSettings(max_steps=1500, max_seconds=20.0)
+    for p in predictions:
+        if p.role != "identify" or p.elpd is not None:
+            out.append(p)
+            continue
+        group = next(g for g in posterior.groups if any(f.name == p.name for f in g.fitted))
+        without = posterior.without(p.name)
+        if not any(g.fitted for g in without.groups):
+            out.append(p)
+            continue
+        start = chains[:, -1].copy()
+        centre = start.mean(axis=(0, 1))
+        start = centre + 1.5 * (start - centre)
+        start = np.where(np.isfinite(without.log_prob(start.reshape(-1, start.shape[-1]))).reshape(*start.shape[:2], 1),
+                         start, chains[:, -1])
+        with python_warnings.catch_warnings():
+            python_warnings.simplefilter("ignore")
+            refit = sample(without.log_prob, start, quick, rng, names=posterior.names)
+        draws = _thinned(refit, 1000).reshape(-1, posterior.dimension)
+        names = [f.name for f in group.fitted]
+        log_likelihood = (subset_terms(posterior, group, draws, names)[:, 0]
+                          - subset_terms(posterior, group, draws, [n for n in names if n != p.name])[:, 0])
+        top = log_likelihood.max()
+        out.append(replace(p, elpd=float(top + np.log(np.mean(np.exp(log_likelihood - top))))))
+    return out
 
 
 def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray) -> dict[str, NDArray]:
@@ -229,8 +269,9 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
              s: CalibrationSettings, quantities: Mapping[str, NDArray], prior: Mapping[str, NDArray],
              predictions: list[Prediction], log_evidence: float, se: float, seed: int, notes: list[str],
              clock: _Clock) -> dict[str, Any]:
-    at_map = model.reported(posterior.model_part(found.x[None]))
-    noise_map = posterior.noise_quantities(found.x[None])
+    at = reported_quantities(posterior, found.x[None])
+    base_names = set(model.reported(posterior.model_part(found.x[None])))
+    at_map = {name: v for name, v in at.items() if name in base_names or name.rsplit("_", 1)[0] in base_names}
     units = model.units()
     parameters: dict[str, Any] = {}
     noise: dict[str, Any] = {}
@@ -241,20 +282,17 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
 
     for name in at_map:
         v = quantities[name]
-        positive = bool(np.all(v > 0) and np.all(prior[name] > 0))
-        parameters[name] = {**_statistics(v), "unit": units[name], "map": float(at_map[name][0]), **health(name),
-                            "contraction": _contraction(v, prior[name], positive)}
+        base = name if name in units else name.rsplit("_", 1)[0]
+        positive = bool(np.all(v > 0) and np.all(prior[base] > 0))
+        parameters[name] = {**_statistics(v), "unit": units[base], "map": float(at_map[name][0]), **health(name),
+                            "contraction": _contraction(v, prior[base], positive)}
     for name, v in quantities.items():
         if name in at_map:
             continue
         unit = "1"
         if name.startswith(("sigma_", "zero_")):
             unit = name.rsplit("_", 1)[1]
-        at = noise_map.get(name)
-        coordinate = next((c for c in posterior.names if c == name), None)
-        entry = {**_statistics(v), "unit": unit, "map": None if at is None else float(at[0]), **health(name)}
-        if coordinate is not None:
-            entry["map"] = float(found.x[posterior.names.index(coordinate)])
+        entry = {**_statistics(v), "unit": unit, "map": float(at[name][0]) if name in at else None, **health(name)}
         if name in prior:
             entry["contraction"] = _contraction(v, prior[name], name.startswith("sigma"))
         noise[name] = entry

@@ -10,10 +10,11 @@ out in the same way; where neither form holds (fixed parameters), over the whole
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from .fit.polish import NewtonPolish, NewtonSettings, polish_newton
 from .fit.swarm import SwarmSettings, multi_swarm
@@ -176,8 +177,6 @@ class MechanicalSearch(_Projection):
 
     def positions(self, cube: NDArray) -> dict[str, NDArray]:
         """Zeros of position (B,) by recording."""
-        from scipy.special import ndtri
-
         return {name: mean + sd * ndtri(np.clip(cube[:, self.elements + i], 1e-4, 1 - 1e-4))
                 for i, (name, mean, sd) in enumerate(self.zeros)}
 
@@ -282,12 +281,11 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
 def posterior_scale(posterior: Posterior) -> NDArray:
     """A length for each coordinate: one for logarithms, the prior sd for zeros of position."""
     scale = np.ones(posterior.dimension)
-    d = posterior.model.dimension
     for i, p in enumerate(posterior.model.priors.free):
         if not p.prior.is_log:
             scale[i] = p.prior.coordinate_sd()
     for i, zero in enumerate(posterior.zeros):
-        scale[d + i] = zero.sd
+        scale[posterior.zero_start + i] = zero.sd
     return scale
 
 
@@ -305,13 +303,13 @@ def _voltage_starts(posterior: Posterior, search_model: Model, groups: list[Line
     search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
     z, evaluations = _run_swarms(search, rng, s)
     tail = posterior.noise_guess()
-    return [_place_zeros(posterior, np.concatenate([_own(posterior.model, search_model, row), tail]))
+    return [_place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail]))
             for row in z], evaluations
 
 
 def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
     """Start with each zero of position at the best place of a grid over its prior, then of a finer one."""
-    d = posterior.model.dimension
+    d = posterior.zero_start
     start = start.copy()
     for width in (3.0, 0.1) if posterior.zeros else ():
         for i, zero in enumerate(posterior.zeros):
@@ -334,15 +332,26 @@ def _mechanical_starts(posterior: Posterior, search_model: Model, rng: np.random
     rows, evaluations = _run_swarms(search, rng, s)
     d = search_model.dimension
     noise = posterior.noise_guess()[len(zeros):]
-    return [np.concatenate([_own(posterior.model, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
+    return [np.concatenate([_own(posterior, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
 
 
-def _own(model: Model, search_model: Model, z: NDArray) -> NDArray:
-    return z if search_model is model else _from_linear(model, search_model, z)
+def _own(posterior: Posterior, search_model: Model, z: NDArray) -> NDArray:
+    """Coordinates of the posterior's model, those of further specimens included, from the search's."""
+    model = posterior.model
+    if search_model is model:
+        return z
+    if search_model.spec == model.spec:
+        x = search_model.to_prior_coordinates(z[None])[0]
+    else:
+        x = _from_linear(model, search_model, z)
+        if model.plain:
+            x = replace(model, plain=False).to_prior_coordinates(x[None])[0]
+    return np.concatenate([x, *([x[list(posterior.own)]] * (len(posterior.specimens) - 1 if posterior.own else 0))])
 
 
 def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
     """Start of a nonlinear law from its linearisation: network coordinates carried over, shape at the prior's centre."""
+    model = replace(model, plain=False)
     center = model.prior_draws(2000, np.random.default_rng(0)).mean(axis=0)
     for i, name in enumerate(model.coordinate_names):
         if name in linear.coordinate_names:
@@ -361,11 +370,10 @@ def _box_starts(posterior: Posterior, rng: np.random.Generator, s: MapSettings) 
 
     def points(cube: NDArray) -> NDArray:
         z = model.from_prior_coordinates(model.priors.transform(np.clip(cube[:, :d], 1e-4, 1 - 1e-4)))
-        q = np.concatenate([z, np.tile(tail, (len(cube), 1))], axis=1)
+        further = [z[:, list(posterior.own)]] * (len(posterior.specimens) - 1 if posterior.own else 0)
+        q = np.concatenate([z, *further, np.tile(tail, (len(cube), 1))], axis=1)
         for i, zero in enumerate(posterior.zeros):
-            from scipy.special import ndtri
-
-            q[:, d + i] = zero.mean + zero.sd * ndtri(np.clip(cube[:, d + i], 1e-4, 1 - 1e-4))
+            q[:, posterior.zero_start + i] = zero.mean + zero.sd * ndtri(np.clip(cube[:, d + i], 1e-4, 1 - 1e-4))
         return q
 
     def objective(cube: NDArray) -> NDArray:

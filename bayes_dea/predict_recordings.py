@@ -22,6 +22,7 @@ from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
 from .likelihood.prepare import Prepared
 from .models.chain import materials
+from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .simulate import simulate
 
@@ -79,8 +80,9 @@ def subset_terms(posterior: Posterior, group: LinearGroup | BlockGroup, q: NDArr
     if not names:
         return np.zeros((len(q), 4))
     if isinstance(group, LinearGroup):
-        return group.evaluate(group.subset(names), group.vectors(posterior.model, posterior.model_part(q)), sigma, rho)
-    return group.evaluate(posterior.model, posterior.model_part(q), {**posterior.zeros_part(q), **(zeros or {})},
+        return group.evaluate(group.subset(names), group.vectors(posterior.model, posterior.model_part(q, group.specimen)),
+                              sigma, rho)
+    return group.evaluate(posterior.model, posterior.model_part(q, group.specimen), {**posterior.zeros_part(q), **(zeros or {})},
                           sigma, rho, names)
 
 
@@ -129,20 +131,22 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
     sigma, rho = posterior.noise_part(chosen, group.channel)
     own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
     r = p.recording
-    drive = r.columns["voltage_V"]**2 if r.is_voltage else r.columns["position_m"]
     masked = ~p.observed & np.isfinite(p.y)
-    blocks = log_blocks(r.time_s, drive, y=p.y, mask=masked)
+    if isinstance(group, LinearGroup):
+        blocks = log_blocks(r.time_s, voltage_drive(r).stress, y=p.y, mask=masked)
+    else:
+        blocks = group.record(p.name).blocks
     rate = _rate_of(posterior, group.channel, p)
     noise2 = sigma**2 + group.quantisation_variance
     prior = 1.0 / nuisance_sd(p, assembled.terms[p.name])**2
     # one simulation at full rate, at the centre of the draws; what the draws add to it is smooth and taken per block
     centre = {k: float(v[0]) for k, v in posterior.model.physical(
-        posterior.model_part(chosen.mean(axis=0)[None])).items()}
+        posterior.model_part(chosen.mean(axis=0)[None], group.specimen)).items()}
     x = simulate(posterior.model, centre, r, None if own_zero is None else float(own_zero.mean()), _before(assembled, p))
     if isinstance(group, LinearGroup):
-        X = group.vectors(posterior.model, posterior.model_part(chosen)) @ group.block_responses(p, blocks, masked).T
+        X = group.vectors(posterior.model, posterior.model_part(chosen, group.specimen)) @ group.block_responses(p, blocks, masked).T
     else:
-        X = group.simulate(group.record(p.name), materials(posterior.model, posterior.model_part(chosen)), own_zero)
+        X = group.simulate(group.record(p.name), materials(posterior.model, posterior.model_part(chosen, group.specimen)), own_zero)
     gain = float(terms[:, 1].mean())
     noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
     N = p.nuisance()
@@ -253,7 +257,8 @@ def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDA
     from scipy.optimize import minimize_scalar
 
     center = draws.mean(axis=0)[None]
-    values = {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(center)).items()}
+    values = {k: float(v[0]) for k, v in posterior.model.physical(
+        posterior.model_part(center, p.recording.specimen)).items()}
     height = p.recording.actuator.stack_height_m or 1.0
     start = float(p.recording.columns["position_m"][0])
     good = p.observed

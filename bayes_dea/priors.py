@@ -70,6 +70,8 @@ class Prior:
             raise InputError(f"prior {self}: 'low' must lie below 'high'")
         if self.family in _LOG_FAMILIES and self.a <= 0:
             raise InputError(f"prior {self}: {FAMILIES[self.family][0]} must be positive")
+        if self.relative_to and self.family != "lognormal":
+            raise InputError(f"prior {self}: only a lognormal prior can be relative to another parameter")
 
     def __str__(self) -> str:
         numbers = (self.a,) if self.family == "fixed" else (self.a, self.b)
@@ -146,9 +148,10 @@ class Parameter:
 class PriorSet:
     """Joint prior of free parameters, in coordinates (n, d).
 
-    Fixed parameters carry a value only. Order groups are cut and normalised exactly: with densities p_1..p_m the
-    mass of the ordered region is a nested integral, taken on a grid; the same grid inverts the conditional
-    distributions, so that prior draws are ordered by construction.
+    Fixed parameters carry a value only. Order groups are cut and normalised exactly: with densities p_1..p_m
+    the mass of the ordered region is a nested integral, taken on a grid; the same grid inverts the conditional
+    distributions, so that prior draws are ordered by construction. A fixed member of a group bounds its
+    neighbours. Raises InputError for priors that cannot be joined.
     """
 
     def __init__(self, parameters: Sequence[Parameter]):
@@ -174,14 +177,40 @@ class PriorSet:
                 self._relative.append((-1, math.log(self.fixed[reference])))
             else:
                 raise InputError(f"prior of {p.name} is relative to {reference}, which this model does not have")
-        groups: dict[str, list[int]] = {}
-        for i, p in enumerate(self.free):
-            if p.ordered:
-                groups.setdefault(p.ordered, []).append(i)
-        self._groups = {name: _OrderGroup([self.free[i].prior for i in idx]) for name, idx in groups.items()
-                        if len(idx) > 1}
-        self._group_index = {name: np.array(groups[name]) for name in self._groups}
+        self._groups: list[tuple[NDArray[np.int64], _OrderGroup]] = []
+        self._before = np.full(self.dimension, -1)  # the free member that must lie above, or -1
+        self._bounds = np.tile([-np.inf, np.inf], (self.dimension, 1))
+        for group in dict.fromkeys(p.ordered for p in parameters if p.ordered):
+            self._add_order([p for p in parameters if p.ordered == group], index)
+        self._grouped = {int(i): k for k, (members, _) in enumerate(self._groups) for i in members}
         self._table = self._compiled_table()
+
+    def _add_order(self, members: Sequence[Parameter], index: Mapping[str, int]) -> None:
+        """One order group; its fixed members cut it into runs of free ones between bounds."""
+        logs = {p.prior.is_log for p in members if not p.fixed}
+        if len(logs) > 1:
+            raise InputError(f"priors of {', '.join(p.name for p in members)}: they are kept in order, so either "
+                             "all are lognormal or loguniform or none is; write loguniform for uniform, lognormal "
+                             "for normal")
+        high = np.inf
+        run: list[Parameter] = []
+        for p in [*members, None]:
+            if p is not None and not p.fixed:
+                run.append(p)
+                continue
+            if p is None:
+                low = -np.inf
+            else:
+                low = math.log(p.prior.a) if True in logs else p.prior.a
+                if low >= high:
+                    raise InputError(f"{p.name} = {p.prior.a:g} breaks the order of "
+                                     f"{', '.join(q.name for q in members)}")
+            if run and (len(run) > 1 or low > -np.inf or high < np.inf):
+                i = np.array([index[q.name] for q in run])
+                self._groups.append((i, _OrderGroup([q.prior for q in run], low, high, [q.name for q in run])))
+                self._before[i[1:]] = i[:-1]
+                self._bounds[i] = low, high
+            run, high = [], low
 
     def _shift(self, i: int, z: NDArray) -> NDArray | float:
         reference, constant = self._relative[i]
@@ -197,10 +226,24 @@ class PriorSet:
         _joint_logpdf(np.ascontiguousarray(z), *self._table, out)
         return out
 
+    def logpdf_own(self, z: NDArray, own: Sequence[int]) -> NDArray:
+        """Log density of some parameters given the others (n, d) -> (n,): what another specimen adds.
+
+        Order groups count with their normalisation where all members are in `own`; a group that is shared in part
+        keeps its order, its density is not normalised.
+        """
+        total = np.zeros(len(z))
+        for i in own:
+            total += self.free[i].prior.logpdf(z[:, i], self._shift(i, z))
+        for index, group in self._groups:
+            total[np.any(z[:, index[1:]] >= z[:, index[:-1]], axis=1)] = -np.inf
+            if set(index.tolist()) <= set(own):
+                total -= group.log_mass
+        return total
+
     def _compiled_table(self) -> tuple:
         """The prior as arrays for the compiled density: a chain calls it a hundred thousand times."""
-        family, a, b, reference, shift, before = ([] for _ in range(6))
-        previous: dict[str, int] = {}
+        family, a, b, reference, shift = ([] for _ in range(5))
         for i, p in enumerate(self.free):
             log = p.prior.is_log
             normal = p.prior.family in ("lognormal", "normal")
@@ -210,13 +253,10 @@ class PriorSet:
             index, constant = self._relative[i]
             reference.append(index if p.prior.family == "lognormal" else -1)
             shift.append(constant if p.prior.family == "lognormal" else 0.0)
-            before.append(previous.get(p.ordered, -1) if p.ordered in self._groups else -1)
-            if p.ordered:
-                previous[p.ordered] = i
         plain = [0 if self.free[r].prior.is_log else 1 if r >= 0 else 0 for r in reference]
-        constant = -sum(g.log_mass for g in self._groups.values())
+        constant = -sum(g.log_mass for _, g in self._groups)
         return (np.array(family), np.array(a, float), np.array(b, float), np.array(reference), np.array(plain),
-                np.array(shift, float), np.array(before), constant)
+                np.array(shift, float), self._before, self._bounds, float(constant))
 
     def transform(self, q: NDArray) -> NDArray:
         """Unit cube (n, d) to coordinates (n, d): the inverse of the joint prior distribution."""
@@ -224,10 +264,10 @@ class PriorSet:
         z = np.empty_like(q)
         done = np.zeros(self.dimension, dtype=bool)
         for i, p in enumerate(self.free):
-            if p.ordered in self._groups:
+            if i in self._grouped:
                 if not done[i]:
-                    idx = self._group_index[p.ordered]
-                    z[:, idx] = self._groups[p.ordered].transform(q[:, idx])
+                    idx, group = self._groups[self._grouped[i]]
+                    z[:, idx] = group.transform(q[:, idx])
                     done[idx] = True
                 continue
             z[:, i] = p.prior.ppf(q[:, i], self._shift(i, z))
@@ -257,7 +297,7 @@ class PriorSet:
 
 
 @nb.njit(cache=True)
-def _joint_logpdf(z, family, a, b, reference, plain, shift, before, constant, out):
+def _joint_logpdf(z, family, a, b, reference, plain, shift, before, bounds, constant, out):
     for n in range(z.shape[0]):
         total = constant
         for i in range(z.shape[1]):
@@ -276,30 +316,37 @@ def _joint_logpdf(z, family, a, b, reference, plain, shift, before, constant, ou
                 total = -np.inf
             else:
                 total = np.nan
-            if before[i] >= 0 and x >= z[n, before[i]]:
+            if (before[i] >= 0 and x >= z[n, before[i]]) or x <= bounds[i, 0] or x >= bounds[i, 1]:
                 total = -np.inf
         out[n] = total
 
 
 class _OrderGroup:
-    """x_1 > x_2 > ... > x_m with independent densities, cut to that order."""
+    """high > x_1 > x_2 > ... > x_m > low with independent densities, cut to that order."""
 
-    def __init__(self, priors: Sequence[Prior], points: int = 4001):
+    def __init__(self, priors: Sequence[Prior], low: float, high: float, names: Sequence[str],
+                 points: int = 4001):
         if any(p.relative_to for p in priors):
-            raise InputError("parameters that are kept in order cannot have priors relative to another parameter")
-        q = np.array([1e-9, 1 - 1e-9])
-        ends = np.concatenate([p.ppf(q) for p in priors])
-        self._grid = np.linspace(ends.min(), ends.max(), points)
-        density = [np.exp(p.logpdf(self._grid)) for p in priors]
+            raise InputError("parameters that are kept in order cannot have priors relative to another "
+                             "parameter")
+        ends = np.array([p.ppf(np.array([1e-9, 1 - 1e-9])) for p in priors])
+        low, high = max(low, ends.min()), min(high, ends.max())
+        # fine where any of the densities lives, however narrow it is beside the others
+        grid = np.concatenate([np.linspace(low, high, points), *(np.linspace(a, b, points) for a, b in ends)])
+        edges = np.concatenate([np.nextafter(ends, -np.inf), np.nextafter(ends, np.inf)]).ravel()
+        self._grid = np.unique(np.clip(np.concatenate([grid, edges]), low, high))
+        step = np.diff(self._grid)
         # tail[k](x): mass of x > x_k > x_{k+1} > ... ; built from the last one upwards
         self._cumulative: list[NDArray] = []
-        tail = np.ones(points)
-        step = self._grid[1] - self._grid[0]
-        for p in reversed(density):
-            f = p * tail
+        tail = np.ones(self._grid.size)
+        for p in reversed(priors):
+            f = np.exp(p.logpdf(self._grid)) * tail
             tail = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * step)])
             self._cumulative.insert(0, tail)
-        self.log_mass = math.log(max(self._cumulative[0][-1], 1e-300))
+        if not tail[-1] > 1e-6:
+            raise InputError(f"priors of {', '.join(names)}: they must fall in this order, and the priors put "
+                             "next to nothing there; change them or their order")
+        self.log_mass = math.log(tail[-1])
 
     def transform(self, q: NDArray) -> NDArray:
         x = np.empty_like(q)
@@ -390,11 +437,14 @@ def apply_overrides(parameters: Sequence[Parameter], overrides: Mapping[str, Par
     for name in overrides:
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            hint = f"; did you mean {near[0]}?" if near else "."
             raise InputError(f"prior for '{name}': this model has no such parameter{hint} It has {', '.join(known)}.")
     out = []
     for p in parameters:
         o = overrides.get(p.name)
+        prior = o.prior if isinstance(o, Parameter) else o
+        if prior is not None and p.prior.is_log and prior.family == "fixed" and prior.a <= 0:
+            raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
         if o is None:
             out.append(p)
         elif isinstance(o, Parameter):

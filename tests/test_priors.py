@@ -1,5 +1,6 @@
 """Prior families, ordered groups, files and overrides, against scipy.stats and rejection sampling."""
 
+import itertools
 import math
 from pathlib import Path
 
@@ -74,6 +75,11 @@ def test_priors_that_cannot_be(family, a, b, message):
         Prior(family, a, b)
 
 
+def test_only_a_lognormal_can_be_relative():
+    with pytest.raises(InputError, match="only a lognormal prior can be relative"):
+        Prior("loguniform", 0.01, 1.0, "Y_Pa")
+
+
 def test_interval_mass():
     assert log_interval_mass(-1.0, 2.0) == pytest.approx(math.log(stats.norm.cdf(2) - stats.norm.cdf(-1)))
 
@@ -136,6 +142,50 @@ def test_ordered_uniforms_are_order_statistics():
     np.testing.assert_allclose(np.exp(joint.logpdf(inside)), 6.0, rtol=1e-3)
 
 
+@pytest.mark.parametrize("sd", [0.3, 0.01, 1e-3])
+def test_a_narrow_prior_among_wide_ones(sd):
+    """The middle one next to fixed: the mass is that of the outer two on their sides of it."""
+    joint = ordered_set((300.0, 20.0, 1.0), (1.3, sd, 1.3))
+    rng = np.random.default_rng(7)
+    middle = math.log(20.0) + sd * rng.standard_normal(200_000)
+    mass = np.mean(stats.norm.cdf((math.log(300.0) - middle) / 1.3) * stats.norm.cdf(middle / 1.3))
+    z = np.array([[5.0, math.log(20.0), 0.5]])
+    free = stats.norm(np.log([300.0, 20.0, 1.0]), [1.3, sd, 1.3]).logpdf(z).sum()
+    assert joint.logpdf(z)[0] == pytest.approx(free - math.log(mass), abs=3e-4)
+    assert joint.draw(4000, rng)[:, 1].std() == pytest.approx(sd, rel=0.05)
+
+
+def test_a_fixed_member_bounds_its_neighbours():
+    def member(i, prior):
+        return Parameter(f"tau_{i}_s", "s", prior, ordered="tau")
+
+    wide = [Prior("lognormal", m, 1.3) for m in (300.0, 20.0, 1.0)]
+    joint = PriorSet([member(1, wide[0]), member(2, Prior("fixed", 20.0)), member(3, wide[2])])
+    z = joint.draw(4000, np.random.default_rng(8))
+    cut = math.log(20.0)
+    upper, lower = stats.norm(math.log(300.0), 1.3), stats.norm(0.0, 1.3)
+    assert stats.kstest(z[:, 0], lambda x: (upper.cdf(x) - upper.cdf(cut)) / upper.sf(cut)).pvalue > 0.01
+    assert stats.kstest(z[:, 1], lambda x: lower.cdf(x) / lower.cdf(cut)).pvalue > 0.01
+    expected = upper.logpdf(4.0) - upper.logsf(cut) + lower.logpdf(1.0) - lower.logcdf(cut)
+    np.testing.assert_allclose(joint.logpdf(np.array([[4.0, 1.0]])), expected, atol=1e-5)
+    assert np.all(joint.logpdf(np.array([[2.9, 1.0], [4.0, 3.1]])) == -np.inf)
+    # two free ones above a fixed one are in order among themselves as well
+    joint = PriorSet([member(1, wide[0]), member(2, wide[1]), member(3, Prior("fixed", 5.0))])
+    z = joint.draw(2000, np.random.default_rng(9))
+    assert np.all(z[:, 0] > z[:, 1])
+    assert z[:, 1].min() > math.log(5.0)
+    with pytest.raises(InputError, match=r"tau_2_s = 9 breaks the order of tau_1_s, tau_2_s, tau_3_s"):
+        PriorSet([member(1, Prior("fixed", 8.0)), member(2, Prior("fixed", 9.0)), member(3, wide[2])])
+
+
+def test_orders_that_cannot_be():
+    with pytest.raises(InputError, match=r"tau_1, tau_2: they must fall in this order"):
+        ordered_set((1.0, 100.0), (0.1, 0.1))
+    with pytest.raises(InputError, match=r"write loguniform for uniform"):
+        PriorSet([Parameter("tau_1", "s", Prior("lognormal", 100.0, 1.0), ordered="tau"),
+                  Parameter("tau_2", "s", Prior("uniform", 10.0, 30.0), ordered="tau")])
+
+
 def test_transform_is_the_inverse_of_the_marginals():
     parameters = [Parameter("Y", "Pa", Prior("lognormal", 1e6, 0.5)),
                   Parameter("k", "Pa", Prior("lognormal", 0.1, 1.0, "Y")),
@@ -162,7 +212,8 @@ def test_relative_prior_follows_its_reference():
     assert fixed.to_physical(z[:, 1:])["Y"][0] == 2e6
     plain = PriorSet([Parameter("Y", "Pa", Prior("uniform", 1e6, 3e6)), k])
     zp = np.array([[2e6, math.log(3e5)]])
-    assert plain.logpdf(zp)[0] == pytest.approx(-math.log(2e6) + stats.norm(math.log(2e5), 1.0).logpdf(zp[0, 1]))
+    expected = -math.log(2e6) + stats.norm(math.log(2e5), 1.0).logpdf(zp[0, 1])
+    assert plain.logpdf(zp)[0] == pytest.approx(expected)
     draws = plain.draw(3000, np.random.default_rng(0))
     assert stats.kstest(draws[:, 1] - np.log(draws[:, 0]), stats.norm(math.log(0.1), 1.0).cdf).pvalue > 0.01
 
@@ -233,17 +284,19 @@ def test_every_number_of_a_file_has_unit_and_source(path):
     if len(times) > 1:
         assert len({p.ordered for p in times}) == 1
         assert times[0].ordered
-        assert all(a.prior.a > b.prior.a for a, b in zip(times, times[1:], strict=False))
+        assert all(a.prior.a > b.prior.a for a, b in itertools.pairwise(times))
 
 
 def test_priors_hold_the_values_of_the_reference_actuator():
     """Truths of the conformance set and the reference paper lie well inside: within 2.5 sd."""
     hooke, gm3 = read_prior_file(prior_folder() / "hooke.toml"), read_prior_file(prior_folder() / "gm3.toml")
     joint = PriorSet([*hooke.values(), *gm3.values()])
-    for values in ((1.2e6, 70e3, 50e3, 60e3, 200.0, 20.0, 1.0), (1.1947e6, 85e3, 31e3, 45e3, 3710.0, 23.4, 1.143)):
+    for values in ((1.2e6, 70e3, 50e3, 60e3, 200.0, 20.0, 1.0),
+                   (1.1947e6, 85e3, 31e3, 45e3, 3710.0, 23.4, 1.143)):
         z = np.log(np.array(values))
         shift = np.concatenate([[0.0], [z[0]] * 3, [0.0] * 3])
-        distance = (z - shift - np.log([p.prior.a for p in joint.free])) / np.array([p.prior.b for p in joint.free])
+        medians, sds = np.array([[p.prior.a, p.prior.b] for p in joint.free]).T
+        distance = (z - shift - np.log(medians)) / sds
         assert np.all(np.abs(distance) < 2.5)
 
 
@@ -253,7 +306,13 @@ def write(tmp_path: Path, text: str) -> Path:
     return path
 
 
-GOOD = '[parameters.Y_Pa]\nprior = "lognormal"\nmedian = 1e6\nlog_sd = 0.2\nunit = "Pa"\nsource = "my bench"\n'
+GOOD = """[parameters.Y_Pa]
+prior = "lognormal"
+median = 1e6
+log_sd = 0.2
+unit = "Pa"
+source = "my bench"
+"""
 
 
 def test_a_file_of_the_users_own(tmp_path):
@@ -332,11 +391,20 @@ def test_applied_overrides_keep_the_rest():
     assert apply_overrides([own], {"tau_1_s": file})[0].source == "my notebook"
 
 
+def test_a_stiffness_cannot_be_fixed_at_zero():
+    known = [Parameter("tau_1_s", "s", Prior("lognormal", 1.0, 1.0)),
+             Parameter("C2", "Pa", Prior("normal", 0.0, 1.0))]
+    with pytest.raises(InputError, match=r"'tau_1_s': its value must be positive, not 0"):
+        apply_overrides(known, {"tau_1_s": Prior("fixed", 0.0)})
+    assert apply_overrides(known, {"C2": Prior("fixed", 0.0)})[1].fixed
+
+
 def test_an_override_nobody_knows_names_the_near_one():
+    known = [Parameter("tau_1_s", "s", Prior("lognormal", 1.0, 1.0))]
     with pytest.raises(InputError, match=r"prior for 'tau1_s'.*did you mean tau_1_s\?.*It has tau_1_s"):
-        apply_overrides([Parameter("tau_1_s", "s", Prior("lognormal", 1.0, 1.0))], {"tau1_s": Prior("fixed", 1.0)})
+        apply_overrides(known, {"tau1_s": Prior("fixed", 1.0)})
     with pytest.raises(InputError, match=r"no such parameter") as error:
-        apply_overrides([Parameter("tau_1_s", "s", Prior("lognormal", 1.0, 1.0))], {"zzz": Prior("fixed", 1.0)})
+        apply_overrides(known, {"zzz": Prior("fixed", 1.0)})
     assert "did you mean" not in str(error.value)
 
 

@@ -183,8 +183,8 @@ def nested_log_evidence(
         return value if np.isfinite(value) else -1e300
 
     with warnings.catch_warnings():
-        # dynesty repeats its remark about wide bounds at every update.
-        warnings.simplefilter("once")
+        # A remark about efficiency, repeated at every update of the bounds.
+        warnings.filterwarnings("ignore", message="The enlargement factor")
         sampler = dynesty.NestedSampler(one, prior_transform, d, nlive=live_points, rstate=rng, sample=sample)
         sampler.run_nested(dlogz=dlogz, print_progress=False)
     return float(sampler.results.logz[-1]), float(sampler.results.logzerr[-1])

@@ -1,6 +1,7 @@
 """The posterior of a campaign: model coordinates, zeros of position, noise; priors and likelihoods joined.
 
-Coordinates, in this order: those of the model; the zero of the position of every mechanical recording to identify;
+Coordinates, in this order: those of the model; where specimens have parameters of their own, these for each further
+specimen; the zero of the position of every mechanical recording to identify;
 for each channel log sigma and, for each sampling rate of it, atanh rho. Offsets, mains lines and gains are
 integrated out exactly by the groups.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,13 +56,16 @@ class Posterior:
     groups: tuple[Group, ...]
     channels: tuple[ChannelNoise, ...]
     zeros: tuple[ZeroPrior, ...]
+    specimens: tuple[str, ...] = ("A",)
+    own: tuple[int, ...] = ()  # positions of the model's parameters that every specimen has for itself
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all coordinates (d,)."""
         noise = [name for c in self.channels
                  for name in (f"log sigma_{c.channel}", *(f"atanh rho_{c.channel}{suffix}" for suffix in rate_suffixes(c.rates)))]
-        return (*self.model.coordinate_names, *(z.name for z in self.zeros), *noise)
+        further = [f"{self.model.coordinate_names[i]} {s}" for s in self.specimens[1:] for i in self.own]
+        return (*self.model.coordinate_names, *further, *(z.name for z in self.zeros), *noise)
 
     @property
     def dimension(self) -> int:
@@ -69,24 +73,31 @@ class Posterior:
         return len(self.names)
 
     @cached_property
-    def _zero_start(self) -> int:
-        return self.model.dimension
+    def zero_start(self) -> int:
+        """Position of the first zero among the coordinates."""
+        return self.model.dimension + len(self.own) * (len(self.specimens) - 1)
 
     @cached_property
     def _noise_start(self) -> dict[str, int]:
-        start, out = self.model.dimension + len(self.zeros), {}
+        start, out = self.zero_start + len(self.zeros), {}
         for c in self.channels:
             out[c.channel] = start
             start += 1 + len(c.rates.steps_s)
         return out
 
-    def model_part(self, q: NDArray) -> NDArray:
-        """Coordinates of the model (B, d_model)."""
-        return q[:, :self.model.dimension]
+    def model_part(self, q: NDArray, specimen: str | None = None) -> NDArray:
+        """Coordinates of the model (B, d_model) for a specimen; by default the first one."""
+        d = self.model.dimension
+        if not self.own or specimen is None or specimen == self.specimens[0]:
+            return q[:, :d]
+        x = q[:, :d].copy()
+        start = d + (self.specimens.index(specimen) - 1) * len(self.own)
+        x[:, list(self.own)] = q[:, start:start + len(self.own)]
+        return x
 
     def zeros_part(self, q: NDArray) -> dict[str, NDArray]:
         """Position of contact (B,) in m by recording."""
-        return {z.recording: q[:, self._zero_start + i] for i, z in enumerate(self.zeros)}
+        return {z.recording: q[:, self.zero_start + i] for i, z in enumerate(self.zeros)}
 
     def noise_part(self, q: NDArray, channel: str) -> tuple[NDArray, NDArray]:
         """sigma (B,) and rho (B, rates) of a channel."""
@@ -99,8 +110,10 @@ class Posterior:
         """(B,) log prior density per unit of the coordinates."""
         q = np.atleast_2d(q)
         out = self.model.log_prior(self.model_part(q))
+        for specimen in self.specimens[1:] if self.own else ():
+            out += self.model.priors.logpdf_own(self.model_part(q, specimen), self.own)
         for i, z in enumerate(self.zeros):
-            s = (q[:, self._zero_start + i] - z.mean) / z.sd
+            s = (q[:, self.zero_start + i] - z.mean) / z.sd
             out += -0.5 * s * s - math.log(z.sd * math.sqrt(2 * math.pi))
         for c in self.channels:
             start = self._noise_start[c.channel]
@@ -116,8 +129,9 @@ class Posterior:
         """(B, 4): log likelihood of a group, mean and variance of its gain, information about it."""
         sigma, rho = self.noise_part(q, group.channel)
         if isinstance(group, LinearGroup):
-            return group.evaluate(group.gram_fitted, group.vectors(self.model, self.model_part(q)), sigma, rho)
-        return group.evaluate(self.model, self.model_part(q), self.zeros_part(q), sigma, rho)
+            return group.evaluate(group.gram_fitted, group.vectors(self.model, self.model_part(q, group.specimen)),
+                                  sigma, rho)
+        return group.evaluate(self.model, self.model_part(q, group.specimen), self.zeros_part(q), sigma, rho)
 
     def log_likelihood(self, q: NDArray) -> NDArray:
         """(B,) log likelihood of the recordings to identify."""
@@ -139,10 +153,29 @@ class Posterior:
         out[~good] = -np.inf
         return out
 
+    def without(self, name: str) -> Posterior:
+        """The same posterior with one recording moved from the fitted ones of its group to the others."""
+        groups = []
+        for g in self.groups:
+            if isinstance(g, LinearGroup) and any(p.name == name for p in g.fitted):
+                gone = tuple(p for p in g.fitted if p.name == name)
+                groups.append(replace(g, fitted=tuple(p for p in g.fitted if p.name != name), others=g.others + gone))
+            else:
+                groups.append(g)
+        return replace(self, groups=tuple(groups))
+
     # ------------------------------------------------------------ prior
     def prior_draws(self, n: int, rng: np.random.Generator) -> NDArray:
         """Draws of all coordinates from the prior (n, d)."""
         parts = [self.model.prior_draws(n, rng)]
+        for _ in self.specimens[1:] if self.own else ():
+            again = self.model.prior_draws(n, rng)
+            mixed = parts[0].copy()
+            mixed[:, list(self.own)] = again[:, list(self.own)]
+            # an order that spans shared and own parameters must hold for the mixture as well
+            broken = ~np.isfinite(self.model.log_prior(mixed))
+            mixed[broken] = parts[0][broken]
+            parts.append(mixed[:, list(self.own)])
         for z in self.zeros:
             parts.append((z.mean + z.sd * rng.standard_normal(n))[:, None])
         for c in self.channels:
@@ -152,7 +185,7 @@ class Posterior:
         return np.concatenate(parts, axis=1)
 
     def noise_guess(self) -> NDArray:
-        """Coordinates of the noise from quiet stretches, and the prior centre of the zeros: where searches start."""
+        """Zeros at their prior's centre and noise from quiet stretches: where searches start."""
         out = [z.mean for z in self.zeros]
         for c in self.channels:
             out.append(math.log(c.sigma_guess))

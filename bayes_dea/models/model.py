@@ -32,6 +32,7 @@ class Model:
 
     spec: Spec
     parameters: tuple[Parameter, ...]
+    plain: bool = False  # stay in prior coordinates: needed where specimens share some parameters and not others
 
     @property
     def name(self) -> str:
@@ -61,7 +62,7 @@ class Model:
     @cached_property
     def _mode_coordinates(self) -> bool:
         """Mode coordinates need every parameter of the network free and log-distributed."""
-        if self.spec.network not in ("gm", "gkm", "gkv"):
+        if self.plain or self.spec.network not in ("gm", "gkm", "gkv"):
             return False
         names = self._network_names
         free = {p.name for p in self.priors.free if p.prior.is_log}
@@ -99,7 +100,7 @@ class Model:
     @cached_property
     def _process_coordinates(self) -> bool:
         free = {p.name for p in self.priors.free if p.prior.is_log}
-        return self.is_black_box and {"Kp", "Tz_s", "Tp_1_s"} <= free
+        return not self.plain and self.is_black_box and {"Kp", "Tz_s", "Tp_1_s"} <= free
 
     # ------------------------------------------------------------ coordinates <-> prior coordinates
     def to_prior_coordinates(self, z: NDArray) -> NDArray:
@@ -285,8 +286,9 @@ def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPAC
     """Third-order discrete state space of PZ3 under a held input, in the reference paper's balanced cascade form.
 
     Upper-triangular A (3, 3), B (3,), C = (C1, C2, 0), for `step` in s; input and output in strain of the static
-    Hooke law. The continuous cascade has ones above the diagonal and an input gain of 64 1/s^3 (missing physics
-    catalogue, section 2, item 23: reproduces the entries printed in Table SVIII).
+    Hooke law. The continuous cascade has an input gain of 64 1/s^3, a coupling of one between its fast states and
+    of g between the slow pair, where g^2 = |1/Tz - 1/Tp_1| makes C1 = +-g C2: with that all eleven entries of a row
+    of Table SVIII follow from its poles, gain and zero within the rounding of the print.
     """
     p = [1.0 / values[f"Tp_{i}_s"] for i in (1, 2, 3)]
     gain = 64.0
@@ -300,9 +302,10 @@ def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPAC
     B1 = gain * sum((1 - a[i]) / p[i] / np.prod([p[j] - p[i] for j in range(3) if j != i], axis=0) for i in range(3))
     scale = values["Kp"] * p[0] * p[1] * p[2] / gain
     C2 = scale * values["Tz_s"]
-    C1 = scale - C2 * p[0]
-    return {"A11": a[0], "A22": a[1], "A33": a[2], "A12": A12, "A13": A13, "A23": A23,
-            "B1": B1, "B2": B2, "B3": B3, "C1": C1, "C2": C2}
+    separation = 1.0 / values["Tz_s"] - p[0]
+    g = np.sqrt(np.abs(separation))
+    return {"A11": a[0], "A22": a[1], "A33": a[2], "A12": g * A12, "A13": g * A13, "A23": A23,
+            "B1": g * B1, "B2": B2, "B3": B3, "C1": np.sign(separation) * g * C2, "C2": C2}
 
 
 def _with_name(p: Parameter, name: str, prior: Prior | None = None, label: str | None = None,

@@ -76,7 +76,7 @@ def parse_spec(text: str) -> Spec:
             effects.append(part)
         else:
             near = difflib.get_close_matches(part, _known(), 1, 0.5)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = f"; did you mean '{near[0]}'?" if near else "."
             raise InputError(f"model '{text}': '{part}' is unknown{hint} A model is a static law "
                              f"({', '.join(LAWS)}) + gmN, gkvN or gkmN with N = 1..{MAX_ELEMENTS}, or pz3, or ss3.")
     if network in BLACK_BOXES:

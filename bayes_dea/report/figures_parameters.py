@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from . import numbers, style, symbols
+from . import digits, style, symbols
 from .data import ResultData
 from .style import Picture
 
 _CORNER_MOST = 13
 
 
-def _axis(data: ResultData, name: str) -> tuple[str, numbers.Scale]:
-    scale = numbers.scale_for(float(np.median(data.posterior[name])), data.unit(name))
+def _axis(data: ResultData, name: str) -> tuple[str, digits.Scale]:
+    scale = digits.scale_for(float(np.median(data.posterior[name])), data.unit(name))
     symbol = symbols.plain(name, data.label(name))
     return (f"{symbol} / {scale.unit}" if scale.unit else symbol), scale
 
@@ -30,10 +30,10 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
     if not names:
         return None
     rows = -(-len(names) // columns)
-    height = 1.35 * rows + 0.35
+    height = 1.4 * rows + 0.1
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(rows, columns, left=0.025, right=0.975, top=1 - 0.52 / height, bottom=0.45 / height,
-                               hspace=1.05, wspace=0.14)
+    grid = figure.add_gridspec(rows, columns, left=0.03, right=0.965, top=1 - 0.25 / height, bottom=0.52 / height,
+                               hspace=1.15, wspace=0.16)
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i // columns, i % columns])
         label, scale = _axis(data, name)
@@ -61,8 +61,8 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
         ax.set_title(label, loc="left", pad=3)
         narrower = np.std(a) / np.std(b) if np.std(b) > 0 else float("nan")
         if np.isfinite(narrower):
-            ax.set_title(f"{numbers.significant(narrower, 2)} × narrower" if narrower >= 1.15 else "as the prior",
-                         loc="right", pad=3, color="#555555", fontsize=8)
+            ax.set_xlabel(f"{digits.significant(narrower, 2)} × narrower" if narrower >= 1.15 else "as wide as the prior",
+                          loc="right", labelpad=1, color="#555555", fontsize=8)
     caption = ("Prior (dashed, filled) and posterior (blue) of every parameter, each drawn to the same height. A blue "
                "needle in a wide prior: the recordings speak. Blue as wide as the prior: they say nothing, and what you "
                "read off is the prior. The number is how many times narrower the posterior is.")
@@ -82,7 +82,7 @@ def corner_picture(data: ResultData) -> Picture | None:
     side = 8.4
     figure = style.new_figure(side, side)
     # one pair of axes for all panels: n(n + 1)/2 of them would take longer than the rest of the page
-    ax = figure.add_axes((0.085, 0.085, 0.905, 0.905))
+    ax = figure.add_axes((0.12, 0.115, 0.875, 0.88))
     ax.set_axis_off()
     gap, bins = 0.06, 48
     draws, limits, ticks, labels = [], [], [], []
@@ -127,15 +127,14 @@ def corner_picture(data: ResultData) -> Picture | None:
         texts = _tick_texts(ticks[i])
         for value, text in zip(ticks[i], texts, strict=True):
             at = size * _unit(value, limits[i])
-            ax.text(i + at, -0.05, text, ha="center", va="top", fontsize=font)
+            ax.text(i + at, -0.008 * n, text, ha="right", va="top", fontsize=font, rotation=40, rotation_mode="anchor")
             if i > 0:
-                ax.text(-0.05, n - 1 - i + at, text, ha="right", va="center", fontsize=font, rotation=90)
-        ax.text(i + size / 2, -0.05 - 0.027 * n, labels[i], ha="center", va="top", fontsize=font + 1)
+                ax.text(-0.008 * n, n - 1 - i + at, text, ha="right", va="center", fontsize=font)
+        ax.text(i + size / 2, -0.085 * n, labels[i], ha="center", va="top", fontsize=font + 1)
         if i > 0:
-            ax.text(-0.05 - 0.027 * n, n - 1 - i + size / 2, labels[i], ha="right", va="center", rotation=90,
-                    fontsize=font + 1)
+            ax.text(-0.105 * n, n - 1 - i + size / 2, labels[i], ha="center", va="center", rotation=90, fontsize=font + 1)
         best = data.entry(name).get("map")
-        if numbers.is_number(best):
+        if digits.is_number(best):
             _mark_map(ax, data, names, limits, i, size, n)
     ax.set_xlim(-0.02, n)
     ax.set_ylim(-0.02, n)
@@ -163,9 +162,9 @@ def _inner_ticks(low: float, high: float) -> NDArray[np.float64]:
 
 
 def _tick_texts(values: NDArray) -> list[str]:
-    decimals = numbers.decimals_for(float(np.ptp(values)), 1)
+    decimals = digits.decimals_for(float(np.ptp(values)), 1)
     for more in range(4):
-        texts = [numbers.fixed(float(v), decimals + more) for v in values]
+        texts = [digits.fixed(float(v), decimals + more) for v in values]
         if all(abs(round(float(v), decimals + more) - v) < 0.02 * np.ptp(values) for v in values):
             return texts
     return texts
@@ -192,7 +191,7 @@ def _mark_map(ax: object, data: ResultData, names: list[str], limits: list[tuple
     for name, limit in zip(names, limits, strict=True):
         best = data.entry(name).get("map")
         scale = _axis(data, name)[1]
-        at.append(_unit(best / scale.factor, limit) if numbers.is_number(best) else float("nan"))
+        at.append(_unit(best / scale.factor, limit) if digits.is_number(best) else float("nan"))
     xs = [c + size * at[c] for c in range(i)]
     ys = [n - 1 - i + size * at[i]] * i
     inside = [k for k in range(i) if 0 <= at[k] <= 1 and 0 <= at[i] <= 1]
@@ -207,7 +206,7 @@ def trace_picture(data: ResultData) -> Picture | None:
         return None
     height = 0.5 * len(names) + 0.75
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(len(names), 1, left=0.2, right=0.985, top=1 - 0.3 / height, bottom=0.42 / height, hspace=0.22)
+    grid = figure.add_gridspec(len(names), 1, left=0.2, right=0.965, top=1 - 0.3 / height, bottom=0.42 / height, hspace=0.22)
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i, 0])
         values = data.lp if name == "lp" else data.posterior[name]
@@ -245,19 +244,19 @@ def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture 
         expected = values.shape[1] / bins
         ess = data.entry(name).get("ess_bulk")
         # dependent draws scatter more than independent ones
-        inflation = max(1.0, values.size / ess) if data.converged and numbers.is_number(ess) and ess > 0 else 1.0
+        inflation = max(1.0, values.size / ess) if data.converged and digits.is_number(ess) and ess > 0 else 1.0
         spread = 2 * np.sqrt(inflation / expected * (1 - 1 / bins))
         ax.axhspan(1 - spread, 1 + spread, color="#e8e8e8", lw=0)
         ax.axhline(1, color=style.GREY, lw=0.7, ls=":")
-        top = 1 + 2 * spread
+        reach = 1.6 * spread
         for chain, (color, line) in zip(order, _styles(len(order)), strict=True):
             counts = np.histogram(chain, bins, (0, values.size))[0] / expected
-            top = max(top, float(counts.max()) * 1.05)
+            reach = max(reach, 1.1 * float(np.max(np.abs(counts - 1))))
             ax.stairs(counts, np.linspace(0, 1, bins + 1), color=color, ls=line, lw=1.1, baseline=None)
-        ax.set_ylim(0, top)
+        ax.set_ylim(1 - reach, 1 + reach)
         ax.set_xlim(0, 1)
         ax.set_yticks([])
-        ax.set_xticks([0, 0.5, 1] if i + columns >= len(names) else [])
+        ax.set_xticks([0.25, 0.5, 0.75] if i + columns >= len(names) else [])
         ax.set_title("log posterior" if name == "lp" else symbols.plain(name, data.label(name)), loc="left", pad=3)
         if i + columns >= len(names):
             ax.set_xlabel("rank among all draws", labelpad=2)
@@ -298,7 +297,7 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
         ax = figure.add_subplot(grid[i, 0])
         peaks = r.prior_largest[r.prior_largest > 0]
         measured = float(np.nanmax(np.abs(r.observed)))
-        scale = numbers.scale_for(measured, r.unit)
+        scale = digits.scale_for(measured, r.unit)
         low, high = min(peaks.min(), measured) / 1.6 / scale.factor, max(peaks.max(), measured) * 1.6 / scale.factor
         interval = np.quantile(peaks, [0.05, 0.95]) / scale.factor
         ax.hlines(0, *interval, color="#f0c878", lw=7, zorder=1)
@@ -309,7 +308,7 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
         ax.set_yticks([])
         ax.spines["left"].set_visible(False)
         name = r.name if len(r.name) <= 24 else r.name[:22] + "…"
-        ax.set_ylabel(f"{name.replace('$', chr(92) + '$')}\n/ {scale.unit}", rotation=0, ha="right", va="center", fontsize=8.5)
+        ax.set_ylabel(f"{name}\n/ {scale.unit}", rotation=0, ha="right", va="center", fontsize=8.5)
     from matplotlib.lines import Line2D
     handles = [Line2D([], [], color="#7a5200", marker="|", ms=8, lw=0), Line2D([], [], color="#f0c878", lw=6),
                Line2D([], [], color=style.BLUE, marker="D", ms=6, lw=0)]

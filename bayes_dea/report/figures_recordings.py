@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import numbers, style
+from . import digits, style
 from .data import RecordingData
 from .style import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Z50, Z90 = 0.6745, 1.6449  # half-widths of the central normal bands
 
@@ -54,9 +56,9 @@ def detail_of(time_s: NDArray, drive: NDArray) -> Detail:
 def fit_picture(r: RecordingData) -> Picture:
     """Measured against predicted with 50 and 90 % bands, and the residuals in units of their own band."""
     detail = detail_of(r.time_s, r.input)
-    scale = numbers.scale_for(float(np.nanmax(np.abs(r.observed))), r.unit)
+    scale = digits.scale_for(float(np.nanmax(np.abs(r.observed))), r.unit)
     figure = style.new_figure(4.1)
-    grid = figure.add_gridspec(2, 2, left=0.095, right=0.985, top=0.915, bottom=0.115, hspace=0.14, wspace=0.1,
+    grid = figure.add_gridspec(2, 2, left=0.1, right=0.965, top=0.915, bottom=0.115, hspace=0.14, wspace=0.13,
                                width_ratios=(1.25, 1), height_ratios=(1.9, 1))
     observed, mean, sd = r.observed / scale.factor, r.mean / scale.factor, r.sd_sample / scale.factor
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -97,11 +99,13 @@ def fit_picture(r: RecordingData) -> Picture:
             bottom.set_ylabel("residual / sd")
             figure.align_ylabels([top, bottom])
     _legend(figure)
-    word = "fitted" if r.fitted else "never fitted, only predicted"
-    caption = (f"Above: dots are measured ({word}), each the mean of a block of samples, single samples after an edge; "
-               "the line is the prediction, the bands hold 50 and 90 % of single samples. "
-               f"Right: {detail.words}. Below: measured minus predicted, each block over the sd of its own mean: half "
-               "of the dots should lie in the dark band, nine of ten in the light one, and none of them in rows.")
+    inside_90 = float(np.mean(np.abs(z[np.isfinite(z)]) <= Z90))
+    worst = int(np.nanargmax(np.abs(z)))
+    word = "fitted" if r.fitted else "never fitted"
+    caption = (f"Measured (dots; {word}) and predicted (line with bands) over time; right: {detail.words}. Below, each "
+               f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the light "
+               f"band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
+               f"{digits.significant(float(r.time_s[worst]), 3)} s.")
     return style.picture(figure, caption, f"{r.name}: measured against predicted over time, and residuals")
 
 
@@ -112,38 +116,37 @@ def _bands(ax: Axes, x: NDArray, observed: NDArray, mean: NDArray, sd: NDArray) 
     ax.plot(x, mean, color=style.BLUE, lw=1.2, zorder=4)
 
 
-def _legend(figure: object) -> None:
+def _legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles = [Line2D([], [], color=style.BLACK, marker="o", markersize=2.5, lw=0), Line2D([], [], color=style.BLUE),
                Patch(color=style.BAND_50), Patch(color=style.BAND_90)]
-    figure.legend(handles, ["measured", "predicted", "50 % band", "90 % band"], loc="upper left", ncols=4,  # type: ignore[attr-defined]
+    figure.legend(handles, ["measured", "predicted", "50 % band", "90 % band"], loc="upper left", ncols=4,
                   bbox_to_anchor=(0.085, 1.005), borderaxespad=0.2, columnspacing=1.4)
 
 
 def residual_picture(r: RecordingData) -> Picture:
     """Residuals in units of noise sd by time and by input, their spectrum against white, and the PIT histogram."""
     figure = style.new_figure(4.1)
-    grid = figure.add_gridspec(2, 2, left=0.095, right=0.985, top=0.93, bottom=0.115, hspace=0.5, wspace=0.24)
+    grid = figure.add_gridspec(2, 2, left=0.1, right=0.965, top=0.93, bottom=0.115, hspace=0.5, wspace=0.28)
     word, unit = r.input_column
-    drive = numbers.scale_for(float(np.nanmax(np.abs(r.input))) or None, unit)
+    drive = digits.scale_for(float(np.nanmax(np.abs(r.input))) or None, unit)
     _binned(figure.add_subplot(grid[0, 0]), r.by_time, 1.0, "time / s", "over time")
     _binned(figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}", marks=True)
     _spectrum(figure.add_subplot(grid[1, 0]), r)
     _pit(figure.add_subplot(grid[1, 1]), r)
-    caption = (f"Residuals in units of the noise sd, over time and by {word}: dots (mean, with two standard errors) "
-               "belong on 0, the dashed line (RMS) on 1. Spectrum: 1 is white noise of the same size; a rise to the left "
-               "is a slow misfit, a line is a disturbance. PIT: where the samples fall within their predicted "
-               "distribution; flat is right, a U says the bands are too narrow, a hump too wide.")
+    caption = (f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 expected) "
+               f"stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; dashed: RMS, 1 "
+               f"expected. {_spectrum_words(r)} PIT: {_pit_words(r)}.")
     return style.picture(figure, caption, f"{r.name}: residuals over time and by {word}, spectrum, PIT histogram")
 
 
-def _binned(ax: Axes, table: object, factor: float, xlabel: str, title: str, marks: bool = False) -> None:
-    edges, mean = table["edges"] / factor, table["mean"]  # type: ignore[index]
-    rms, se = table["rms"], table["mean_se"]  # type: ignore[index]
+def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str, marks: bool = False) -> None:
+    edges, mean = table["edges"] / factor, table["mean"]
+    rms, se, count = table["rms"], table["mean_se"], table["count"]
     centre = (edges[1:] + edges[:-1]) / 2
-    good = np.isfinite(mean) & np.isfinite(rms)
+    good = (count >= 8) & np.isfinite(rms)  # fewer have no error bar worth the name
     ax.axhline(0, color=style.GREY, lw=0.8)
     ax.axhline(1, color=style.GREY, lw=0.8, ls=":")
     ax.vlines(centre[good], (mean - 2 * se)[good], (mean + 2 * se)[good], color=style.BLUE, lw=1.0)
@@ -190,7 +193,7 @@ def _spectrum(ax: Axes, r: RecordingData) -> None:
 def _pit(ax: Axes, r: RecordingData) -> None:
     counts = r.pit_histogram
     p = r.entry.get("pit_p_value")
-    ax.set_title("PIT histogram" + (f", p = {numbers.significant(p, 2)}" if numbers.is_number(p) else ""), loc="left")
+    ax.set_title("PIT histogram" + (f", p = {digits.significant(p, 2)}" if digits.is_number(p) else ""), loc="left")
     ax.set_xlabel("predicted cumulative probability", labelpad=2)
     ax.set_ylabel("density")
     ax.set_xlim(0, 1)
@@ -201,3 +204,26 @@ def _pit(ax: Axes, r: RecordingData) -> None:
     ax.stairs(height, np.linspace(0, 1, len(counts) + 1), color=style.BLUE, lw=0.9)
     ax.axhline(1, color=style.BLACK, lw=0.9, ls=":")
     ax.set_ylim(0, max(1.5, 1.1 * float(height.max())))
+
+
+def _largest_mean(table: Mapping[str, NDArray]) -> str:
+    mean = np.abs(table["mean"][(table["count"] >= 8) & np.isfinite(table["mean"])])
+    return f"±{digits.significant(float(mean.max()), 2)}" if mean.size else digits.MISSING
+
+
+def _spectrum_words(r: RecordingData) -> str:
+    density, white = r.spectrum.get("density", np.empty(0)), r.spectrum.get("white", np.empty(0))
+    if density.size < 2 or not (white.size and white[0] > 0 and density.max() > 0):
+        return "Spectrum: too few samples."
+    top = int(np.argmax(density))
+    return (f"Spectrum: at most {digits.significant(float(density[top] / white[0]), 2)} times that of white noise, at "
+            f"{digits.quantity(float(r.spectrum['frequency_Hz'][top]), 'Hz', 2)}.")
+
+
+def _pit_words(r: RecordingData) -> str:
+    counts = r.pit_histogram
+    if not counts.sum() > 0:
+        return "no samples"
+    height = counts / counts.mean()
+    return (f"between {digits.fixed(float(height.min()), 2)} and {digits.fixed(float(height.max()), 2)}, 1 expected in "
+            "every bin")

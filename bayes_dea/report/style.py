@@ -30,7 +30,7 @@ _RC: dict[str, Any] = {
     "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": "#555555",
     "axes.unicode_minus": True, "axes.formatter.useoffset": False, "axes.formatter.use_mathtext": False,
     "lines.linewidth": 1.3, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.color": "#333333",
-    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "svg.hashsalt": "bayes-dea",
+    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "text.parse_math": False, "svg.hashsalt": "bayes-dea",
     "path.simplify": True, "path.simplify_threshold": 0.3, "figure.dpi": 96.0,
 }
 
@@ -86,11 +86,13 @@ def dots(ax: Axes, x: NDArray, y: NDArray, size: float = 2.2, color: str = BLACK
     points = np.repeat(np.column_stack([x[good], y[good]]), 2, axis=0)
     if not len(points):
         return
-    # a stroke of next to no length with round ends is a dot; of no length at all some viewers leave it out
+    # a stroke of no length with round ends is a dot
     codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(points) // 2)
     path = Path(points, codes)
     path.should_simplify = False
-    ax.add_patch(PathPatch(path, fill=False, edgecolor=color, linewidth=size, capstyle="round", zorder=zorder))
+    patch = PathPatch(path, fill=False, edgecolor=color, linewidth=size, capstyle="round", zorder=zorder,
+                      transform=ax.transData)
+    ax.add_artist(patch)  # unlike add_patch it leaves the limits alone, which every caller sets
 
 
 def log_ticks(low: float, high: float, most: int = 5) -> NDArray[np.float64]:
@@ -130,15 +132,18 @@ def set_log_x(ax: Axes, low: float, high: float, most: int = 5) -> None:
 def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArray[np.float64]:
     """Gaussian kernel density of values on an even grid, largest value one. Silverman's width times `factor`."""
     v = values[np.isfinite(values)]
+    low, high = float(v.min()), float(v.max())
     if v.size < 2 or np.ptp(v) == 0:
         return np.zeros_like(grid)
     q = np.quantile(v, [0.25, 0.75])
     spread = min(float(np.std(v)), float(q[1] - q[0]) / 1.349) or float(np.std(v))
     step = float(grid[1] - grid[0])
     width = max(0.9 * factor * spread * v.size**-0.2, 0.75 * step)
-    edges = np.concatenate([grid - step / 2, [grid[-1] + step / 2]])
-    counts = np.histogram(v, edges)[0].astype(float)
     reach = int(np.ceil(4 * width / step))
+    edges = grid[0] + step * (np.arange(-reach, len(grid) + reach + 1) - 0.5)
+    # mirrored at the ends, or the density of a uniform prior would sink where the prior does not
+    counts = np.histogram(np.concatenate([v, 2 * low - v, 2 * high - v]), edges)[0].astype(float)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
-    smooth = np.convolve(counts, kernel, mode="full")[reach:reach + len(grid)]
+    smooth = np.convolve(counts, kernel, mode="valid")
+    smooth[(grid < low - step) | (grid > high + step)] = 0.0
     return smooth / smooth.max() if smooth.max() > 0 else smooth

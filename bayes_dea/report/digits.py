@@ -12,7 +12,7 @@ _PREFIX = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"
 _LARGEST = {"Pa": 12, "N": 6, "V": 6, "Hz": 9, "ohm": 12, "A": 3, "F": 0, "W": 9, "J": 9, "m": 0, "s": 0}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _ASCII = {"µ": "u", "−": "-", "–": "-", "—": "-", "χ": "chi", "²": "^2", "×": "x", "±": "+-", "σ": "sigma",
-          "ρ": "rho", "τ": "tau", "Ω": "ohm", "≈": "~", "\u202f": " ", "\u00a0": " ", "·": " "}
+          "ρ": "rho", "τ": "tau", "Ω": "ohm", "≈": "~", "\u202f": "", "\u00a0": " ", "·": " "}
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ def scale_for(reference: float | None, unit: str) -> Scale:
     head, _, tail = unit.partition(" ")
     if head in _LARGEST:
         power = min(max(3 * (exponent // 3), -15), _LARGEST[head])
-        # a prefix does not go with a factor: 0.02 s stays 20 ms, 1500 s stays 1500 s
+        if head == "V" and 0 <= exponent < 4:
+            power = 0  # a bench speaks of 1200 V, and a page with both V and kV is misread
         text = _PREFIX[power] + head.replace("ohm", "Ω")
         return Scale(10.0**power, f"{text} {tail}" if tail else text)
     if -3 <= exponent < 5:

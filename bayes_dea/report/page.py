@@ -1,0 +1,154 @@
+"""report.html of a calibration: one file, no network, no scripts needed."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..results import write_atomic
+from ..store import REPORT_FILE
+from . import digits, figures_parameters, figures_recordings, tables
+from .data import RecordingData, ResultData, read_result
+from .style import Picture, looks
+from .verdict import verdict
+
+_TEMPLATE = "report.html.j2"
+
+
+@dataclass(frozen=True)
+class RecordingView:
+    """One recording of the page: its row, and its pictures."""
+
+    row: tables.RecordingRow
+    fit: Picture
+    residuals: Picture
+
+
+def write_report(folder: Path) -> Path:
+    """Draw report.html from calibration.json and posterior.nc in `folder` and return its path.
+
+    The file is replaced whole or not at all. Raises InputError when a file is missing, broken or of another run.
+    """
+    html = render(read_result(Path(folder)))
+    path = Path(folder) / REPORT_FILE
+    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
+    return path
+
+
+def render(data: ResultData) -> str:
+    """The page as HTML."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
+                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["breakable"] = tables.breakable
+    return environment.get_template(_TEMPLATE).render(context(data))
+
+
+def context(data: ResultData) -> dict[str, Any]:
+    """Everything the template shows."""
+    s = data.summary
+    meta = s.get("meta") or {}
+    rows = tables.recording_rows(s)
+    with looks():
+        views = [_view(r, row) for r, row in zip(data.recordings, rows, strict=True)]
+        pictures = {
+            "densities": figures_parameters.density_picture(data),
+            "corner": figures_parameters.corner_picture(data),
+            "traces": figures_parameters.trace_picture(data),
+            "ranks": figures_parameters.rank_picture(data),
+            "prior_predictive": figures_parameters.prior_predictive_picture(data),
+        }
+    origin = tables.origin_of(meta)
+    return {
+        "model": s["model"], "campaign": s.get("campaign") or "campaign", "version": s.get("version") or __version__,
+        "seed": s.get("seed"), "converged": data.converged, "verdict": verdict(s),
+        "origin": origin, "simulated": any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
+        "warnings": [str(w) for w in s.get("warnings") or []],
+        "rows": rows, "views": views, "pictures": pictures,
+        "fitted": sum(r.fitted for r in rows), "kept": sum(not r.fitted for r in rows),
+        "samples": digits.fixed(sum(r.get("n") or 0 for r in s["recordings"])),
+        "parameters": tables.parameter_rows(data), "noise": tables.parameter_rows(data, "noise"),
+        "noise_levels": _noise_levels(data), "sensors": _sensor_rows(s),
+        "sources": tables.source_rows(data), "conventions": tables.convention_rows(s), "command": command_of(s),
+        "inputs": tables.input_rows(s), "meta": tables.meta_rows(meta), "health": _health(data),
+        "same": tables.same_function_rows(data), "same_form": (s.get("same_function") or {}).get("form", ""),
+        "here_form": _form_of(s), "evidence": digits.fixed(s.get("log_evidence"), 1),
+        "evidence_se": digits.significant(s.get("log_evidence_se"), 2),
+        "map_log_posterior": digits.fixed(s.get("map_log_posterior"), 1),
+        "phases": tables.phase_rows(s), "seconds": digits.significant(s.get("seconds"), 3),
+    }
+
+
+def _view(r: RecordingData, row: tables.RecordingRow) -> RecordingView:
+    return RecordingView(row, figures_recordings.fit_picture(r), figures_recordings.residual_picture(r))
+
+
+def command_of(summary: Mapping[str, Any]) -> str:
+    """The command that repeats the run; as recorded, or from campaign, model and seed."""
+    recorded = summary.get("command")
+    if recorded:
+        return str(recorded) if isinstance(recorded, str) else shlex.join(str(c) for c in recorded)
+    words = ["bayes-dea", "calibrate", str(summary.get("campaign") or "CAMPAIGN"), "--model", str(summary["model"])]
+    if summary.get("seed") is not None:
+        words += ["--seed", str(summary["seed"])]
+    return shlex.join(words)
+
+
+def _noise_levels(data: ResultData) -> list[tuple[str, str]]:
+    """Noise of each channel as found: text of sigma with its 90 % interval."""
+    out = []
+    for name, e in data.summary["noise"].items():
+        if name.startswith("sigma_"):
+            scale, decimals = tables.reading(e)
+            low, high = (digits.fixed(scale(e[k]), decimals) for k in ("q05", "q95"))
+            channel = name[len("sigma_"):].rsplit("_", 1)[0].replace("_", " ")
+            out.append((channel, f"{digits.fixed(scale(e['q50']), decimals)} {scale.unit} (90 %: {low} – {high})"))
+    return out
+
+
+def _sensor_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Stated accuracies by sensor, where calibration.json carries them."""
+    units = {"displacement": "m", "force": "N", "position": "m", "voltage": "V", "capacitance": "F"}
+    rows = []
+    for sensor, stated in (summary.get("sensors") or {}).items():
+        said = [f"{key} {digits.quantity(value, units.get(sensor, '1'))}" for key, value in stated.items()
+                if digits.is_number(value)]
+        if said:
+            rows.append((str(sensor), ", ".join(said)))
+    return rows
+
+
+def _form_of(summary: Mapping[str, Any]) -> str:
+    other = (summary.get("same_function") or {}).get("form", "")
+    return "generalised Maxwell" if "Kelvin" in other else "generalised Kelvin-Voigt"
+
+
+def _health(data: ResultData) -> list[tuple[str, str, str]]:
+    """Sampler and search: what, number, what it should be."""
+    sampler, search = data.summary["sampler"], data.summary.get("search") or {}
+    steps, tau = sampler.get("steps"), sampler.get("tau")
+    reason = "" if sampler.get("reason") in (None, "converged") else str(sampler["reason"])
+    rows = [("Converged", "yes" if data.converged else "no", reason),
+            ("Ensembles × walkers", f"{sampler.get('ensembles')} × {sampler.get('walkers')}", "started apart from each other"),
+            ("Steps", f"{digits.fixed(steps)}, of which {digits.fixed(sampler.get('burn_in'))} burn-in", "")]
+    if digits.is_number(tau):
+        rows.append(("Autocorrelation time τ", f"{digits.significant(tau, 3)} steps",
+                     f"steps / τ = {digits.significant(steps / tau, 2)}; more than 50 after burn-in"))
+    else:
+        rows.append(("Autocorrelation time τ", digits.MISSING, "too few steps to tell"))
+    rows += [("Acceptance", f"{digits.percent(sampler.get('acceptance'))} %", "10 to 50 % is healthy"),
+             ("Largest R-hat", digits.fixed(sampler.get("rhat_max"), 4), "below 1.01")]
+    if data.converged:
+        entries = [*data.summary["parameters"].values(), *data.summary["noise"].values()]
+        ess = [e[k] for e in entries for k in ("ess_bulk", "ess_tail") if digits.is_number(e.get(k))]
+        rows.append(("Smallest ESS", digits.fixed(min(ess)) if ess else digits.MISSING, "above 400"))
+    rows.append(("Evaluations", digits.fixed(sampler.get("evaluations")), "of the log posterior"))
+    if search:
+        rows.append(("Swarms at the same maximum", f"{search.get('agree')} of {search.get('swarms')}",
+                     "all of them: no other maximum was found"))
+    return rows
