@@ -19,9 +19,9 @@ __version__ = "0.1.0"
 _NAMES = {
     "Actuator": "campaign", "Campaign": "campaign", "Recording": "campaign", "Sensor": "campaign",
     "load_campaign": "campaign", "recording_from_arrays": "campaign", "campaign_from_recordings": "campaign",
-    "Calibration": "calibrate", "CalibrationSettings": "calibrate", "calibrate": "calibrate",
+    "Calibration": "calibration", "CalibrationSettings": "calibration", "calibrate": "calibration",
     "Model": "models.model", "build_model": "models.model", "Prior": "priors", "Parameter": "priors",
-    "read_prior_file": "priors", "simulate": "simulate", "gm_to_gkv": "models.networks", "gkv_to_gm": "models.networks",
+    "read_prior_file": "priors", "simulate": "forward", "gm_to_gkv": "models.networks", "gkv_to_gm": "models.networks",
     "run_bench": "bench.run", "write_report": "report.page", "load_posterior": "store", "inference_data": "store",
     "BayesDEAError": "errors", "InputError": "errors", "NotConvergedWarning": "errors",
 }
@@ -30,7 +30,7 @@ __all__ = ["__version__", *sorted(_NAMES)]
 
 if TYPE_CHECKING:
     from .bench.run import run_bench
-    from .calibrate import Calibration, CalibrationSettings, calibrate
+    from .calibration import Calibration, CalibrationSettings, calibrate
     from .campaign import (
         Actuator,
         Campaign,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from .models.networks import gkv_to_gm, gm_to_gkv
     from .priors import Parameter, Prior, read_prior_file
     from .report.page import write_report
-    from .simulate import simulate
+    from .forward import simulate
     from .store import inference_data, load_posterior
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .campaign.schema import Campaign, Recording, Sensor
 from .errors import InputError
 from .likelihood.block_group import BlockGroup, build_block_groups
+from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
 from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes
@@ -18,7 +19,7 @@ from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
 from .models.model import Model, build_model
 from .noise.edges import input_noise
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
-from .simulate import simulate
+from .forward import simulate
 
 _UNITS = {"displacement": "m", "force": "N"}
 #: the slack before contact, as a share of the stack height: centre and sd of its prior
@@ -79,9 +80,15 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
         linear = build_linear_groups(voltage, terms, rates["displacement"], workers)
     groups: list[LinearGroup | BlockGroup] = []
     if voltage:
-        groups += linear if model.is_linear else build_block_groups(voltage, terms, rates["displacement"], "displacement")
+        if any(terms[p.name].interval_needed for p in voltage) and not model.is_black_box:
+            groups += build_interval_groups(voltage, terms, rates["displacement"], "displacement")
+        elif model.is_linear:
+            groups += linear
+        else:
+            groups += build_block_groups(voltage, terms, rates["displacement"], "displacement")
     if mechanical:
-        groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
+        build = build_interval_groups if any(terms[p.name].interval_needed for p in mechanical) else build_block_groups
+        groups += build(mechanical, terms, rates["force"], "force", scatter)
     zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
     specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
     for p in prepared:

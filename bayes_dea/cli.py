@@ -1,4 +1,4 @@
-"""The command line: every verb in the same way. Heavy imports happen inside the verbs, so that --help answers at once."""
+"""The command line: every verb in the same way. Heavy imports happen inside the verbs: --help answers at once."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,9 +22,16 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=True,
                   help="Bayesian calibration of dielectric elastomer actuators from bench recordings.")
 
-SeedOption = Annotated[int, typer.Option(help="Seed of every random number; the same seed gives the same numbers.", min=0)]
-OutOption = Annotated[Path, typer.Option(help="Folder for the results; made if it is not there.")]
-WorkersOption = Annotated[int, typer.Option(help="Threads for reading and predicting; 0: one per processor.", min=0)]
+# short words for what an option takes, so that --help fits 80 columns
+_count = partial(typer.Option, metavar="N")
+_number = partial(typer.Option, metavar="X")
+_seconds = partial(typer.Option, metavar="SECONDS")
+_folder = partial(typer.Option, metavar="DIR")
+_name = partial(typer.Option, metavar="NAME")
+
+SeedOption = Annotated[int, _count(help="Seed of every random number; the same seed, the same numbers.", min=0)]
+OutOption = Annotated[Path, _folder(help="Folder for the results; made if it is not there.")]
+WorkersOption = Annotated[int, _count(help="Threads for reading and predicting; 0: one per processor.", min=0)]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
@@ -41,31 +49,38 @@ def _root(version: Annotated[bool, typer.Option("--version", callback=_version, 
 
 @app.command(epilog="Example: bayes-dea calibrate quickstart --model hooke+gm3 --out out")
 def calibrate(
-    campaign: Annotated[list[Path], typer.Argument(help="Folder with campaign.toml; several: one campaign, a specimen each.")],
-    model: Annotated[str, typer.Option(help="Structure: static law + network, e.g. hooke+gm3, yeoh+gkv2, hooke+gkm3, pz3, ss3.")],
+    campaign: Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folder with campaign.toml; several: "
+                                                   "one campaign, a specimen each.")],
+    model: Annotated[str, typer.Option(metavar="SPEC", help="Structure: static law + network, e.g. hooke+gm3, "
+                                       "yeoh+gkv2, hooke+gkm3, pz3, ss3.")],
     out: OutOption = Path("out"),
     seed: SeedOption = 1,
     workers: WorkersOption = 0,
-    prior: Annotated[list[str] | None, typer.Option(help="Override a prior: 'Y_Pa=lognormal(1.2e6, 0.3)', or fix: 'Y_Pa=1.2e6'. "
-                                                         "May be given several times.")] = None,
-    priors: Annotated[Path | None, typer.Option(help="File with priors that replace the default ones (see priors/README.md).")] = None,
-    data_root: Annotated[Path | None, typer.Option(help="Folder where recordings may lie besides the campaign's own.")] = None,
-    walkers: Annotated[int, typer.Option(help="Walkers of each ensemble.", min=8)] = 32,
-    max_steps: Annotated[int, typer.Option(help="Steps after which sampling stops even if it has not converged.", min=200)] = 20_000,
-    max_seconds: Annotated[float | None, typer.Option(help="The same in seconds of sampling.")] = None,
+    prior: Annotated[list[str] | None, typer.Option(metavar="TEXT", help="Override a prior: 'Y_Pa=lognormal(1.2e6, "
+                                                    "0.3)', or fix: 'Y_Pa=1.2e6'. May be given several times.")] = None,
+    priors: Annotated[Path | None, typer.Option(metavar="FILE", help="File with priors that replace the default "
+                                                "ones (see priors/README.md).")] = None,
+    data_root: Annotated[Path | None, _folder(help="Folder where recordings may lie besides the campaign.")] = None,
+    walkers: Annotated[int, _count(help="Walkers of each ensemble.", min=8)] = 32,
+    max_steps: Annotated[int, _count(help="Steps after which sampling stops, converged or not.", min=200)] = 20_000,
+    max_seconds: Annotated[float | None, _seconds(help="The same in seconds of sampling.", min=0.0)] = None,
+    checkpoint_seconds: Annotated[float, _seconds(help="Sampling that an interrupted run may lose.", min=0.0)] = 10.0,
     json_output: Annotated[bool, typer.Option("--json", help="Print calibration.json instead of the summary.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Fit a model to the recordings with role "identify" and predict all of them, with bands.
+    """Fit a model to the recordings with role "identify" and predict all of them.
 
-    Leaves calibration.json, posterior.nc (ArviZ) and report.html in --out. Interrupted, it continues where it was
-    when called again in the same way.
+    Leaves calibration.json, posterior.nc (ArviZ) and report.html in --out.
+
+    Interrupted, it continues where it was when called again in the same way.
     """
+    import warnings
     from dataclasses import replace
 
-    from .calibrate import CalibrationSettings
-    from .calibrate import calibrate as run
+    from .calibration import CalibrationSettings
+    from .calibration import calibrate as run
     from .campaign import load_campaign
+    from .errors import NotConvergedWarning
     from .models.model import build_model
     from .report.summary import terminal_summary
     from .run_state import checkpoint_for, finished
@@ -76,12 +91,15 @@ def calibrate(
         structure = build_model(model, _overrides(prior, priors))
         loaded = load_campaign(campaign, data_root)
         settings = CalibrationSettings(walkers=walkers, workers=workers or os.cpu_count() or 1)
-        settings = replace(settings, sampler=replace(settings.sampler, max_steps=max_steps, max_seconds=max_seconds))
+        settings = replace(settings, sampler=replace(settings.sampler, max_steps=max_steps, max_seconds=max_seconds,
+                                                     checkpoint_seconds=checkpoint_seconds))
         _writable(out)
         checkpoint = checkpoint_for(out, {"model": structure.name, "seed": seed, "walkers": walkers,
                                           "priors": {p.name: str(p.prior) for p in structure.parameters},
                                           "inputs": [i["sha256"] for i in loaded.inputs]})
-        result = run(loaded, structure, seed, settings, report=report, checkpoint=checkpoint)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotConvergedWarning)  # the summary says so
+            result = run(loaded, structure, seed, settings, report=report, checkpoint=checkpoint)
         report("writing the report", 0, 1, str(out))
         result.save(out)
         finished(out)
@@ -95,15 +113,15 @@ def calibrate(
 @app.command(epilog="Example: bayes-dea bench --preset quickstart --out quickstart")
 def bench(
     out: OutOption = Path("campaign"),
-    preset: Annotated[str, typer.Option(help="quickstart, paper, mechanical, small, or a plan file (.toml).")] = "quickstart",
+    preset: Annotated[str, _name(help="quickstart, paper, mechanical, small, or a plan file (.toml).")] = "quickstart",
     seed: SeedOption = 1,
-    material: Annotated[str | None, typer.Option(help="baseline, or drawn: a specimen of its own by seed.")] = None,
-    noise_scale: Annotated[float | None, typer.Option(help="True noise over the stated fluctuation.")] = None,
-    noise_correlation: Annotated[float | None, typer.Option(help="Correlation of neighbouring samples' noise.")] = None,
-    dropouts: Annotated[float | None, typer.Option(help="Probability of a laser drop-out, per sample.")] = None,
-    mains_m: Annotated[float | None, typer.Option(help="Amplitude of 50 Hz on the displacement, in m.")] = None,
-    gaps: Annotated[int | None, typer.Option(help="Stretches without a reading in each recording.")] = None,
-    clock_unevenness: Annotated[float | None, typer.Option(help="Unevenness of the time stamps, in parts of a step.")] = None,
+    material: Annotated[str | None, _name(help="baseline, or drawn: a specimen of its own by seed.")] = None,
+    noise_scale: Annotated[float | None, _number(help="True noise over the stated fluctuation.")] = None,
+    noise_correlation: Annotated[float | None, _number(help="Correlation of neighbouring samples' noise.")] = None,
+    dropouts: Annotated[float | None, _number(help="Probability of a laser drop-out, per sample.")] = None,
+    mains_m: Annotated[float | None, _number(help="Amplitude of 50 Hz on the displacement, in m.")] = None,
+    gaps: Annotated[int | None, _count(help="Stretches without a reading in each recording.")] = None,
+    clock_unevenness: Annotated[float | None, _number(help="Unevenness of the time stamps, in steps.")] = None,
     quiet: QuietOption = False,
 ) -> None:
     """Write a campaign of the virtual bench: the reference actuator, simulated, with sensors that err."""
@@ -119,7 +137,10 @@ def bench(
 
 
 @app.command(epilog="Example: bayes-dea report out")
-def report(folder: Annotated[Path, typer.Argument(help="The --out of an earlier calibration.")], quiet: QuietOption = False) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of an earlier calibration.")],
+    quiet: QuietOption = False,
+) -> None:
     """Draw report.html again from the JSON and posterior.nc in a folder."""
     from .report.page import write_report
     from .store import load_posterior
@@ -152,9 +173,13 @@ def _writable(folder: Path) -> None:
 
 @contextlib.contextmanager
 def _progress(quiet: bool) -> Iterator[Any]:
-    """A callback (phase, done, of, text) that draws on a terminal and does nothing in a pipe."""
+    """A callback (phase, done, of, text) that draws on a terminal and not in a pipe.
+
+    It is also where a run is interrupted: a signal that arrives while the sampler is at work is held back until the
+    next call, between two whole steps.
+    """
     if quiet or not sys.stderr.isatty():
-        yield lambda *_: None
+        yield _interruptible(lambda *_: None)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -171,59 +196,104 @@ def _progress(quiet: bool) -> Iterator[Any]:
         bar.update(tasks[phase], completed=done, total=of if done > 0 else None, text=text[:60])
 
     with bar:
-        yield update
+        yield _interruptible(update)
 
 
 class _Terminated(BaseException):
     """SIGTERM, turned into an exception so that files are left whole."""
 
 
-def _on_terminate(*_: object) -> None:
-    raise _Terminated
+class _Signals:
+    """SIGINT and SIGTERM as exceptions: at once, or at the next `release` while `held`; a second one always at once."""
+
+    def __init__(self) -> None:
+        self.held = False
+        self.pending: BaseException | None = None
+
+    def install(self) -> None:
+        with contextlib.suppress(ValueError):  # not in the main thread
+            for number in (signal.SIGTERM, signal.SIGINT):
+                if signal.getsignal(number) != signal.SIG_IGN:  # a shell's background jobs ignore SIGINT
+                    signal.signal(number, self._arrived)
+
+    def _arrived(self, number: int, _frame: object) -> None:
+        error: BaseException = _Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+        if self.held and self.pending is None:
+            self.pending = error
+            return
+        raise error
+
+    def release(self) -> None:
+        """Raise what was held back."""
+        error, self.pending = self.pending, None
+        if error is not None:
+            raise error
+
+
+_signals = _Signals()
+
+
+def _interruptible(report: Any) -> Any:
+    # emcee prints a traceback for every exception inside the density, also for those of signals
+    def update(phase: str, done: float, of: float, text: str) -> None:
+        _signals.held = phase.startswith("sampling")
+        _signals.release()
+        report(phase, done, of, text)
+
+    return update
 
 
 def main() -> None:
     """Entry point: errors become one line and an exit status (CONTRACT 2)."""
-    with contextlib.suppress(ValueError):  # not in the main thread
-        signal.signal(signal.SIGTERM, _on_terminate)
+    _signals.install()
+    sys.exit(_run())
+
+
+def _run() -> int:
     try:
         app(standalone_mode=False)
+        sys.stdout.flush()
     except typer.Exit as leave:
-        sys.exit(leave.exit_code)
+        return leave.exit_code
     except BayesDEAError as error:
-        print(f"bayes-dea: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
+        return _say(str(error), error.exit_status)
     except (KeyboardInterrupt, typer.Abort):
-        print("bayes-dea: interrupted; call it again in the same way to continue", file=sys.stderr)
-        sys.exit(130)
+        return _say("interrupted; call it again in the same way to continue", 130)
     except _Terminated:
-        print("bayes-dea: terminated; call it again in the same way to continue", file=sys.stderr)
-        sys.exit(143)
+        return _say("terminated; call it again in the same way to continue", 143)
     except MemoryError:
-        print("bayes-dea: out of memory; calibrate fewer or shorter recordings at once", file=sys.stderr)
-        sys.exit(1)
+        return _say("out of memory; calibrate fewer or shorter recordings at once", 1)
     except BrokenPipeError:
-        sys.exit(1)
-    except Exception as error:
-        status = _usage_error(error)
-        sys.exit(status)
-
-
-def _usage_error(error: Exception) -> int:
-    """Print an error of the command line's own parser; anything else is ours and shows where it happened."""
-    show = getattr(error, "show", None)
-    if callable(show) and hasattr(error, "exit_code"):
-        show()
-        return int(error.exit_code)
-    if isinstance(error, OSError):
-        print(f"bayes-dea: {error}", file=sys.stderr)
+        # whoever read our output has left; the interpreter would complain when it flushes
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    import traceback
+    except OSError as error:
+        return _say(str(error), 1)
+    except Exception as error:
+        if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+            return _usage_error(error)
+        import traceback
 
-    traceback.print_exc()
-    print("bayes-dea: this is a defect of bayes-dea, not of your input; please report it with the lines above",
-          file=sys.stderr)
-    return 1
+        traceback.print_exc()
+        return _say("this is a defect of bayes-dea, not of your input; please report it with the lines above", 1)
+    return 0
+
+
+def _say(message: str, status: int) -> int:
+    print(f"bayes-dea: {message}", file=sys.stderr)
+    return status
+
+
+def _usage_error(error: Any) -> int:
+    """An error of the command line's own parser, as one line; a bare `bayes-dea` gets the help."""
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "bayes-dea"
+    message = error.format_message().strip()
+    if not message or "\n" in message:
+        error.show()
+        return int(error.exit_code)
+    message = message.rstrip(".") + "." if message[-1] not in "?!)" else message
+    return _say(f"{message} See '{command} --help'.", int(error.exit_code))
 
 
 if __name__ == "__main__":

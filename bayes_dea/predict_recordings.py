@@ -24,7 +24,7 @@ from .likelihood.prepare import Prepared
 from .models.chain import materials
 from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
-from .simulate import simulate
+from .forward import simulate
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def write_atomic(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file beside `path`, then put it in place; a kill leaves old or new, never half."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

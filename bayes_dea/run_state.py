@@ -1,4 +1,4 @@
-"""What a run leaves in its folder while it works, so that it can be continued: a checkpoint and what it belongs to."""
+"""What a run leaves in its folder while it works, so that it can be continued: a checkpoint named after the run."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .results import write_atomic
 
-_CHECKPOINT = ".checkpoint.npz"
-_IDENTITY = ".run.json"
+_PREFIX = ".checkpoint-"
+#: temporary files of killed runs: those of `results.write_atomic` and of the sampler's checkpoints
+_LEFTOVERS = (".calibration.json.*", ".posterior.nc.*", ".report.html.*", f"{_PREFIX}*.part")
 
 
 def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
-    """Path of the sampler's checkpoint for this very run; one that belongs to another run is thrown away."""
+    """Path of the sampler's checkpoint for this very run: same input, model, seed and settings, same name.
+
+    Checkpoints of other runs are left alone: a slip in the command must not cost the hours of the run before.
+    """
     text = json.dumps({**identity, "version": __version__}, sort_keys=True, default=str)
-    key = hashlib.sha256(text.encode()).hexdigest()
-    checkpoint, marker = folder / _CHECKPOINT, folder / _IDENTITY
-    if not (marker.is_file() and marker.read_text(encoding="utf-8").strip() == key):
-        checkpoint.unlink(missing_ok=True)
-        write_atomic(marker, lambda p: p.write_text(key + "\n", encoding="utf-8"))
-    return checkpoint
+    return folder / f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
 
 def finished(folder: Path) -> None:
-    """The results are written: nothing is left to continue."""
-    for name in (_CHECKPOINT, _IDENTITY):
-        (folder / name).unlink(missing_ok=True)
+    """The results are written: nothing is left to continue, and what killed runs left behind goes too."""
+    for pattern in (f"{_PREFIX}*.npz", *_LEFTOVERS):
+        for path in folder.glob(pattern):
+            path.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from .fit.diagnostics import arviz
 from .results import write_atomic, write_json
 
 if TYPE_CHECKING:
-    from .calibrate import Calibration
+    from .calibration import Calibration
 
 CALIBRATION_FILE = "calibration.json"
 POSTERIOR_FILE = "posterior.nc"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
+from ..errors import InputError
 from ..models.lags import HOLD_CODES, Drive, lag_rows
 
 _NODES_PER_EFOLD = 5.2
@@ -101,9 +102,12 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
     """Basis for all time constants from a tenth of the shortest step to a thousand times the longest record.
 
     tolerance: relative size at which a further lag adds nothing. Faster lags than the lower end follow the held
-    input within exp(-10); slower ones than the upper end are ramps to 0.1 %.
+    input within exp(-10); slower ones than the upper end are ramps to 0.1 %. Raises InputError when no drive acts.
     """
-    shortest = min(float(d.dt[1:].min()) for d in drives)
+    if not any(np.any(d.stress) for d in drives):
+        raise InputError("the command is 0 V in every voltage recording: nothing in them says how the actuator answers; "
+                         "check the voltage_V columns")
+    shortest = min(float(d.dt[d.dt > 0].min()) for d in drives)
     reference = max(d.span for d in drives)
     low, high = math.log(0.1 * shortest), math.log(1e3 * reference)
     n = max(24, math.ceil(_NODES_PER_EFOLD * (high - low)))

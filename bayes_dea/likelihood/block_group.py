@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.model import Model
-from ..noise.blocks import Blocks, _whiten, block_means, log_blocks
+from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_blocks
 from ..noise.stated import NoiseTerms
-from ..simulate import POSITION_BLOCKS
+from ..forward import POSITION_BLOCKS
 from .linear_group import nuisance_sd
 from .prepare import Prepared, RateClasses
 
@@ -50,7 +50,8 @@ class BlockRecord:
         return self.prepared.recording.is_voltage
 
 
-def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0) -> BlockRecord:
+def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0,
+                      settings: BlockSettings | None = None) -> BlockRecord:
     """Cut one recording into blocks and intervals.
 
     input_variance: scatter of a measured input carried into the output, per sample: it acts on block means, while
@@ -62,7 +63,7 @@ def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_va
     y = np.where(np.isfinite(prepared.y), prepared.y, np.nan)
     if r.is_voltage:
         drive = voltage_drive(r)
-        blocks = log_blocks(t, drive.stress, y=y, mask=masked)
+        blocks = log_blocks(t, drive.stress, settings, y=y, mask=masked)
         h, stress, place, share = _intervals(drive.dt, drive.stress, blocks, r.hold)
         contact = 0
         values = stress
@@ -273,12 +274,14 @@ class BlockGroup:
 
 
 def build_block_groups(prepared: Sequence[Prepared], terms: Mapping[str, NoiseTerms], rates: RateClasses,
-                       channel: str, input_variance: Mapping[str, float] | None = None) -> list[BlockGroup]:
+                       channel: str, input_variance: Mapping[str, float] | None = None,
+                       settings: BlockSettings | None = None) -> list[BlockGroup]:
     """One group per specimen. input_variance: see `make_block_record`, by recording name."""
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]
-        records = tuple(make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0)) for p in members)
+        records = tuple(make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0), settings)
+                        for p in members)
         groups.append(BlockGroup(channel, specimen, records, max(terms[p.name].gain_sd for p in members),
                                  terms[members[0].name].quantisation_variance))
     return groups

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -109,8 +109,9 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
     if not prepared:
         return []
     drives = {p.name: stroke_drive(p) for p in prepared}
+    chains = _chains(prepared)
     with threadpool_limits(1):
-        basis = build_basis(list(drives.values()))
+        basis = build_basis([drive for members in chains for drive in _with_memory(members, drives)])
 
     def chain(members: list[Prepared]) -> list[tuple[str, RecordGram]]:
         """Recordings that follow each other without rest share their memory, so they are collected in order."""
@@ -129,20 +130,10 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
             out.append((p.name, gram))
         return out
 
-    chains: list[list[Prepared]] = []
-    specimens = sorted({p.recording.specimen for p in prepared})
-    for specimen in specimens:
-        for p in (q for q in prepared if q.recording.specimen == specimen):
-            if p.recording.rested:
-                chains.append([p])
-            elif chains and chains[-1][-1].recording.specimen == specimen:
-                chains[-1].append(p)
-            else:
-                raise InputError(f"{p.name}: rested = false, but no voltage recording of specimen {specimen} comes before it")
     with threadpool_limits(1), ThreadPoolExecutor(max(1, workers)) as pool:
         grams = {name: gram for part in pool.map(chain, chains) for name, gram in part}
     groups = []
-    for specimen in specimens:
+    for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]
         fitted = tuple(p for p in members if p.recording.role == "identify")
         others = tuple(p for p in members if p.recording.role != "identify")
@@ -150,3 +141,37 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
         groups.append(LinearGroup("displacement", specimen, fitted, others, basis, grams,
                                   max(terms[p.name].gain_sd for p in members), reference.quantisation_variance))
     return groups
+
+
+def _chains(prepared: Sequence[Prepared]) -> list[list[Prepared]]:
+    """Recordings that follow each other on one specimen without full rest, each such run in order."""
+    chains: list[list[Prepared]] = []
+    for specimen in sorted({p.recording.specimen for p in prepared}):
+        for p in (q for q in prepared if q.recording.specimen == specimen):
+            if p.recording.rested:
+                chains.append([p])
+            elif chains and chains[-1][-1].recording.specimen == specimen:
+                chains[-1].append(p)
+            else:
+                raise InputError(f"{p.name}: rested = false, but no voltage recording of specimen {specimen} comes "
+                                 "before it")
+    return chains
+
+
+def _with_memory(members: Sequence[Prepared], drives: Mapping[str, Drive]) -> list[Drive]:
+    """Drive of each recording of a chain together with all that came before it, rests at zero in between.
+
+    The basis has to span the memory as well: a decay that began in another recording is no response to this
+    one's own input.
+    """
+    out: list[Drive] = []
+    for p in members:
+        drive = drives[p.name]
+        if out and not p.recording.rested:
+            before = out[-1]
+            pause = [0.0, p.recording.rest_before_s or 0.0]
+            drive = Drive(np.concatenate([before.dt, pause, drive.dt]), 0.0,
+                          np.concatenate([before.stress, [0.0, 0.0], drive.stress]),
+                          np.concatenate([before.middle, [0.0, 0.0], drive.middle]), drive.hold)
+        out.append(drive)
+    return out

@@ -21,7 +21,6 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-
 # division by zero, where absurd parameters coincide, gives inf or nan: the caller turns both into -inf
 _jit = nb.njit(cache=True, error_model="numpy")
 

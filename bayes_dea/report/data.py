@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..results import read_json
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_name, variable_names
+from . import symbols
 
 Array = NDArray[np.float64]
 _BLOCK_KEYS = ("time_s", "input", "count", "mean", "sd_parameters", "sd_sample", "sd_block")
@@ -91,17 +93,40 @@ class ResultData:
         found: Mapping[str, Any] = self.summary["parameters"].get(name) or self.summary["noise"].get(name) or {}
         return found
 
-    def label(self, name: str) -> str | None:
-        """Label of the prior file, None where there is none."""
-        return (self.summary.get("priors", {}).get(name) or {}).get("label")
+    def described(self, name: str) -> Mapping[str, Any]:
+        """Prior, unit, source and label of a parameter, of a specimen's own too; empty where there is none."""
+        priors = self.summary.get("priors") or {}
+        return priors.get(specimen_of(name, priors)[0]) or {}
+
+    def prior_of(self, name: str) -> Array | None:
+        """Prior draws (n,) of a quantity, None where none were stored."""
+        return self.prior.get(specimen_of(name, self.prior)[0])
+
+    def plain(self, name: str) -> str:
+        """Symbol of a quantity for a picture."""
+        base, specimen = specimen_of(name, self.summary.get("priors") or {})
+        text = symbols.plain(base, self.described(name).get("label"))
+        return f"{text} ({specimen})" if specimen else text
+
+    def html(self, name: str) -> Markup:
+        """Symbol of a quantity for the page."""
+        base, specimen = specimen_of(name, self.summary.get("priors") or {})
+        text = symbols.html(base, self.described(name).get("label"))
+        return text + Markup(" ({})").format(specimen) if specimen else text
 
 
 def rmse_of(entry: Mapping[str, Any]) -> tuple[float | None, str]:
-    """RMSE of a recording's entry and its unit (``rmse_m``, ``rmse_N``, ...)."""
+    """RMSE of a recording's entry and its unit (``rmse_m``, ``rmse_N``, ...); None with the channel's unit if null."""
     for key, value in entry.items():
-        if key.startswith("rmse_") and key != "rmse_raw":
+        if key.startswith("rmse_") and key != "rmse_raw" and value is not None:
             return value, key[len("rmse_"):]
     return None, CHANNELS.get(str(entry.get("channel")), ("1", ""))[0]
+
+
+def specimen_of(name: str, known: Mapping[str, Any]) -> tuple[str, str]:
+    """Name of a parameter as the model has it, and the specimen whose own it is: ``Y_Pa_B`` is Y_Pa of B."""
+    base, _, specimen = name.rpartition("_")
+    return (base, specimen) if name not in known and base in known else (name, "")
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

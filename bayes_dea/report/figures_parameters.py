@@ -7,16 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from . import digits, style, symbols
+from . import digits, style
 from .data import ResultData
 from .style import Picture
 
 _CORNER_MOST = 13
+_MOST = 30  # quantities in one picture
 
 
 def _axis(data: ResultData, name: str) -> tuple[str, digits.Scale]:
     scale = digits.scale_for(float(np.median(data.posterior[name])), data.unit(name))
-    symbol = symbols.plain(name, data.label(name))
+    symbol = data.plain(name)
     return (f"{symbol} / {scale.unit}" if scale.unit else symbol), scale
 
 
@@ -26,7 +27,8 @@ def _varying(data: ResultData, names: Sequence[str]) -> list[str]:
 
 def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
     """Prior and posterior density of every quantity that has both; None when there is none."""
-    names = [n for n in _varying(data, list(data.posterior)) if n in data.prior and np.ptp(data.prior[n]) > 0]
+    names = [n for n in _varying(data, list(data.posterior)) if (p := data.prior_of(n)) is not None and np.ptp(p) > 0]
+    names = names[:_MOST]
     if not names:
         return None
     rows = -(-len(names) // columns)
@@ -37,7 +39,9 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i // columns, i % columns])
         label, scale = _axis(data, name)
-        prior, draws = data.prior[name] / scale.factor, data.posterior[name].ravel() / scale.factor
+        before_draws = data.prior_of(name)
+        assert before_draws is not None
+        prior, draws = before_draws / scale.factor, data.posterior[name].ravel() / scale.factor
         log = bool(np.all(prior > 0) and np.all(draws > 0) and np.quantile(prior, 0.99) > 5 * np.quantile(prior, 0.01))
         a, b = (np.log10(prior), np.log10(draws)) if log else (prior, draws)
         low = min(np.quantile(a, 0.005), np.quantile(b, 0.001))
@@ -61,11 +65,11 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
         ax.set_title(label, loc="left", pad=3)
         narrower = np.std(a) / np.std(b) if np.std(b) > 0 else float("nan")
         if np.isfinite(narrower):
-            ax.set_xlabel(f"{digits.significant(narrower, 2)} × narrower" if narrower >= 1.15 else "as wide as the prior",
-                          loc="right", labelpad=1, color="#555555", fontsize=8)
+            words = f"{digits.significant(narrower, 2)} × narrower" if narrower >= 1.15 else "as wide as the prior"
+            ax.set_xlabel(words, loc="right", labelpad=1, color="#555555", fontsize=8)
     caption = ("Prior (dashed, filled) and posterior (blue) of every parameter, each drawn to the same height. A blue "
-               "needle in a wide prior: the recordings speak. Blue as wide as the prior: they say nothing, and what you "
-               "read off is the prior. The number is how many times narrower the posterior is.")
+               "needle in a wide prior: the recordings speak. Blue as wide as the prior: they say nothing, and what "
+               "you read off is the prior. The number is how many times narrower the posterior is.")
     return style.picture(figure, caption, "Prior and posterior densities of all parameters")
 
 
@@ -132,16 +136,17 @@ def corner_picture(data: ResultData) -> Picture | None:
                 ax.text(-0.008 * n, n - 1 - i + at, text, ha="right", va="center", fontsize=font)
         ax.text(i + size / 2, -0.085 * n, labels[i], ha="center", va="top", fontsize=font + 1)
         if i > 0:
-            ax.text(-0.105 * n, n - 1 - i + size / 2, labels[i], ha="center", va="center", rotation=90, fontsize=font + 1)
+            ax.text(-0.105 * n, n - 1 - i + size / 2, labels[i], ha="center", va="center", rotation=90,
+                    fontsize=font + 1)
         best = data.entry(name).get("map")
         if digits.is_number(best):
             _mark_map(ax, data, names, limits, i, size, n)
     ax.set_xlim(-0.02, n)
     ax.set_ylim(-0.02, n)
     cut = "" if n == len(data.summary["parameters"]) else f" The first {n} parameters are shown."
-    caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the cross is "
-               "the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings fix a "
-               "combination better than either parameter." + cut)
+    caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the cross "
+               "is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings fix "
+               "a combination better than either parameter." + cut)
     return style.picture(figure, caption, "Corner plot of the material parameters")
 
 
@@ -206,7 +211,8 @@ def trace_picture(data: ResultData) -> Picture | None:
         return None
     height = 0.5 * len(names) + 0.75
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(len(names), 1, left=0.2, right=0.965, top=1 - 0.3 / height, bottom=0.42 / height, hspace=0.22)
+    grid = figure.add_gridspec(len(names), 1, left=0.2, right=0.965, top=1 - 0.3 / height, bottom=0.42 / height,
+                               hspace=0.22)
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i, 0])
         values = data.lp if name == "lp" else data.posterior[name]
@@ -217,14 +223,14 @@ def trace_picture(data: ResultData) -> Picture | None:
         ax.set_xlim(0, values.shape[1])
         ax.set_yticks([])
         ax.tick_params(labelbottom=i == len(names) - 1)
-        text = "log posterior" if name == "lp" else symbols.plain(name, data.label(name))
+        text = "log posterior" if name == "lp" else data.plain(name)
         ax.set_ylabel(text, rotation=0, ha="right", va="center", fontsize=9)
         if i == len(names) - 1:
             ax.set_xlabel("draw")
     _chain_legend(figure, data.posterior[names[0]].shape[0])
     caption = ("Draws in the order in which they were made, one line an ensemble. They should look like the same grass "
                "everywhere: no drift, no stretch in which one ensemble stays away from the other.")
-    return style.picture(figure, caption, "Traces of all sampled quantities by ensemble")
+    return style.picture(figure, caption, "Traces of the sampled quantities by ensemble")
 
 
 def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture | None:
@@ -257,18 +263,21 @@ def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture 
         ax.set_xlim(0, 1)
         ax.set_yticks([])
         ax.set_xticks([0.25, 0.5, 0.75] if i + columns >= len(names) else [])
-        ax.set_title("log posterior" if name == "lp" else symbols.plain(name, data.label(name)), loc="left", pad=3)
+        ax.set_title("log posterior" if name == "lp" else data.plain(name), loc="left", pad=3)
         if i + columns >= len(names):
             ax.set_xlabel("rank among all draws", labelpad=2)
     _chain_legend(figure, data.posterior[names[0]].shape[0])
-    caption = ("Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey band; a "
-               "slope or a hump says that one ensemble has been elsewhere.")
-    return style.picture(figure, caption, "Rank histograms of all sampled quantities by ensemble")
+    caption = ("Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey band; "
+               "a slope or a hump says that one ensemble has been elsewhere.")
+    return style.picture(figure, caption, "Rank histograms of the sampled quantities by ensemble")
 
 
 def _sampled(data: ResultData) -> list[str]:
     # gains are drawn afterwards, independently: their traces say nothing about the sampler
     names = [n for n in _varying(data, list(data.posterior)) if not n.startswith("gain_")]
+    if len(names) > _MOST:  # the ones most in doubt
+        doubt = sorted(names, key=lambda n: -(data.entry(n).get("rhat") or 0.0))[:_MOST]
+        names = [n for n in names if n in doubt]
     return [*names, "lp"] if data.lp.ndim == 2 and data.lp.size and np.isfinite(data.lp).all() else names
 
 
@@ -314,7 +323,7 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
                Line2D([], [], color=style.BLUE, marker="D", ms=6, lw=0)]
     figure.legend(handles, ["draw from the prior", "90 % of them", "measured"], loc="upper right", ncols=3,
                   bbox_to_anchor=(0.985, 1.0), borderaxespad=0.1)
-    caption = ("Largest output of a recording as draws from the prior predict it, before any recording was seen, and as "
-               "measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if the ticks "
-               "span many powers of ten, the prior is vaguer than it need be.")
+    caption = ("Largest output of a recording as draws from the prior predict it, before any recording was seen, and "
+               "as measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if the "
+               "ticks span many powers of ten, the prior is vaguer than it need be.")
     return style.picture(figure, caption, "Prior predictions of the largest output beside the measured one")

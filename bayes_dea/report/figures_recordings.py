@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Z50, Z90 = 0.6745, 1.6449  # half-widths of the central normal bands
+_MOST_POINTS = 700  # in one panel: more than its pixels can show, and all that a page of twenty recordings can carry
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,15 @@ def fit_picture(r: RecordingData) -> Picture:
             x = x - detail.origin
             inside = (x >= detail.low) & (x <= detail.high)
         top, bottom = figure.add_subplot(grid[0, column]), figure.add_subplot(grid[1, column])
-        _bands(top, x[inside], observed[inside], mean[inside], sd[inside])
+        shown = np.flatnonzero(inside)
+        chosen = thinned_dots(shown, z)
+        _bands(top, x, mean, sd, thinned_line(shown, mean))
+        style.dots(top, x[chosen], observed[chosen], 1.8)
         top.set_ylim(low - margin, high + margin)
         bottom.axhspan(-Z90, Z90, color=style.BAND_90, lw=0)
         bottom.axhspan(-Z50, Z50, color=style.BAND_50, lw=0)
         bottom.axhline(0, color=style.BLUE, lw=0.8)
-        style.dots(bottom, x[inside], z[inside], 1.8)
+        style.dots(bottom, x[chosen], z[chosen], 1.8)
         bottom.set_ylim(-limit, limit)
         for ax in (top, bottom):
             if column == 1 and detail.log:
@@ -103,16 +107,34 @@ def fit_picture(r: RecordingData) -> Picture:
     worst = int(np.nanargmax(np.abs(z)))
     word = "fitted" if r.fitted else "never fitted"
     caption = (f"Measured (dots; {word}) and predicted (line with bands) over time; right: {detail.words}. Below, each "
-               f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the light "
-               f"band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
+               f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the "
+               f"light band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
                f"{digits.significant(float(r.time_s[worst]), 3)} s.")
     return style.picture(figure, caption, f"{r.name}: measured against predicted over time, and residuals")
 
 
-def _bands(ax: Axes, x: NDArray, observed: NDArray, mean: NDArray, sd: NDArray) -> None:
-    ax.fill_between(x, mean - Z90 * sd, mean + Z90 * sd, color=style.BAND_90, lw=0, label="90 %")
-    ax.fill_between(x, mean - Z50 * sd, mean + Z50 * sd, color=style.BAND_50, lw=0, label="50 %")
-    style.dots(ax, x, observed, 1.8)
+def thinned_dots(shown: NDArray, z: NDArray, most: int = _MOST_POINTS) -> NDArray:
+    """Those of the blocks `shown` (indices) that are drawn: evenly spaced ones, and the five farthest out."""
+    if len(shown) <= most:
+        return shown
+    even = shown[np.linspace(0, len(shown) - 1, most - 5).astype(int)]
+    size = np.nan_to_num(np.abs(z[shown]))
+    return np.union1d(even, shown[np.argsort(size)[-5:]])
+
+
+def thinned_line(shown: NDArray, y: NDArray, most: int = _MOST_POINTS) -> NDArray:
+    """Those of the blocks `shown` (indices) through which a line is drawn: lowest and highest of each stretch."""
+    if len(shown) <= most:
+        return shown
+    pieces = np.array_split(shown, most // 2)
+    ends = [i for p in pieces for i in (p[np.argmin(y[p])], p[np.argmax(y[p])])]
+    return np.unique([shown[0], *ends, shown[-1]])
+
+
+def _bands(ax: Axes, x: NDArray, mean: NDArray, sd: NDArray, at: NDArray) -> None:
+    x, mean, sd = x[at], mean[at], sd[at]
+    ax.fill_between(x, mean - Z90 * sd, mean + Z90 * sd, color=style.BAND_90, lw=0)
+    ax.fill_between(x, mean - Z50 * sd, mean + Z50 * sd, color=style.BAND_50, lw=0)
     ax.plot(x, mean, color=style.BLUE, lw=1.2, zorder=4)
 
 
@@ -133,16 +155,18 @@ def residual_picture(r: RecordingData) -> Picture:
     word, unit = r.input_column
     drive = digits.scale_for(float(np.nanmax(np.abs(r.input))) or None, unit)
     _binned(figure.add_subplot(grid[0, 0]), r.by_time, 1.0, "time / s", "over time")
-    _binned(figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}", marks=True)
+    _binned(figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}",
+            marks=True)
     _spectrum(figure.add_subplot(grid[1, 0]), r)
     _pit(figure.add_subplot(grid[1, 1]), r)
-    caption = (f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 expected) "
-               f"stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; dashed: RMS, 1 "
-               f"expected. {_spectrum_words(r)} PIT: {_pit_words(r)}.")
+    caption = (f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 "
+               f"expected) stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; "
+               f"dashed: RMS, 1 expected. {_spectrum_words(r)} PIT: {_pit_words(r)}.")
     return style.picture(figure, caption, f"{r.name}: residuals over time and by {word}, spectrum, PIT histogram")
 
 
-def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str, marks: bool = False) -> None:
+def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str,
+            marks: bool = False) -> None:
     edges, mean = table["edges"] / factor, table["mean"]
     rms, se, count = table["rms"], table["mean_se"], table["count"]
     centre = (edges[1:] + edges[:-1]) / 2
@@ -152,7 +176,8 @@ def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, 
     ax.vlines(centre[good], (mean - 2 * se)[good], (mean + 2 * se)[good], color=style.BLUE, lw=1.0)
     style.dots(ax, centre[good], mean[good], 3.0, style.BLUE)
     if marks:
-        ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=0.9, marker="s", ms=3, mfc="white", mew=0.9)
+        ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=0.9, marker="s", ms=3, mfc="white",
+                mew=0.9)
     else:
         ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=1.1)
     largest = float(np.max(np.concatenate([(np.abs(mean) + 2 * se)[good], rms[good], [1.0]]))) if good.any() else 1.0

@@ -134,7 +134,8 @@ def _health(data: ResultData) -> list[tuple[str, str, str]]:
     steps, tau = sampler.get("steps"), sampler.get("tau")
     reason = "" if sampler.get("reason") in (None, "converged") else str(sampler["reason"])
     rows = [("Converged", "yes" if data.converged else "no", reason),
-            ("Ensembles × walkers", f"{sampler.get('ensembles')} × {sampler.get('walkers')}", "started apart from each other"),
+            ("Ensembles × walkers", f"{sampler.get('ensembles')} × {sampler.get('walkers')}",
+             "started apart from each other"),
             ("Steps", f"{digits.fixed(steps)}, of which {digits.fixed(sampler.get('burn_in'))} burn-in", "")]
     if digits.is_number(tau):
         rows.append(("Autocorrelation time τ", f"{digits.significant(tau, 3)} steps",

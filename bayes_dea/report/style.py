@@ -30,7 +30,8 @@ _RC: dict[str, Any] = {
     "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": "#555555",
     "axes.unicode_minus": True, "axes.formatter.useoffset": False, "axes.formatter.use_mathtext": False,
     "lines.linewidth": 1.3, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.color": "#333333",
-    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "text.parse_math": False, "svg.hashsalt": "bayes-dea",
+    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "svg.hashsalt": "bayes-dea",
+    "text.parse_math": False,  # a file may be called "$1.csv"
     "path.simplify": True, "path.simplify_threshold": 0.3, "figure.dpi": 96.0,
 }
 
@@ -51,7 +52,7 @@ def looks() -> Iterator[None]:
     """The style of the report, for as long as the block lasts; the caller's settings stay as they are."""
     import matplotlib as mpl
 
-    with mpl.rc_context(_RC):
+    with mpl.rc_context(_RC):  # type: ignore[arg-type]
         yield
 
 
@@ -69,8 +70,8 @@ def picture(figure: Figure, caption: str, alt: str) -> Picture:
     """Embed a figure as a data URI."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    # a hundredth of a point is finer than any screen or printer; it halves the page
-    text = re.sub(r' d="([^"]+)"', lambda m: ' d="' + re.sub(r"(\.\d\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
+    # a tenth of a point is finer than a screen shows; it halves the page
+    text = re.sub(r' d="([^"]+)"', lambda m: ' d="' + re.sub(r"(\.\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
                   buffer.getvalue())
     width, height = figure.get_size_inches() * 96
     source = "data:image/svg+xml;base64," + base64.b64encode(text.encode()).decode()
@@ -146,4 +147,4 @@ def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArr
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
     smooth = np.convolve(counts, kernel, mode="valid")
     smooth[(grid < low - step) | (grid > high + step)] = 0.0
-    return smooth / smooth.max() if smooth.max() > 0 else smooth
+    return np.asarray(smooth / max(float(smooth.max()), 1e-300), dtype=np.float64)

@@ -16,7 +16,7 @@ _GAP = "  "
 def terminal_summary(summary: Mapping[str, Any], width: int = 80) -> str:
     """Model, verdict, parameters, recordings and warnings of a calibration.json as text.
 
-    No line is longer than `width` (at least 60); an ESS is given only when the sampler converged. Ends without a newline.
+    No line is longer than `width` (at least 60); an ESS is given only when the sampler converged.
     """
     width = max(width, 60)
     lines = _wrapped(f"{summary['model']} on {summary.get('campaign') or 'campaign'}", width)
@@ -35,7 +35,8 @@ def terminal_summary(summary: Mapping[str, Any], width: int = 80) -> str:
 
 
 def _wrapped(text: str, width: int, first: str = "", rest: str = "") -> list[str]:
-    return textwrap.wrap(digits.ascii_text(text), width, initial_indent=first, subsequent_indent=rest) or [first.rstrip()]
+    text = digits.ascii_text(text)
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=rest) or [first.rstrip()]
 
 
 def _parameters(summary: Mapping[str, Any], width: int) -> list[str]:
@@ -59,7 +60,8 @@ def _parameters(summary: Mapping[str, Any], width: int) -> list[str]:
 def _bare(name: str, unit: str) -> str:
     """The name without its unit, which has a column of its own."""
     suffix = "_" + unit.replace(" ", "_")
-    return name[:-len(suffix)] if name.endswith(suffix) and len(name) > len(suffix) else name
+    head, found, specimen = name.rpartition(suffix)
+    return head + specimen if found and head and (not specimen or specimen.startswith("_")) else name
 
 
 def _recordings(summary: Mapping[str, Any], width: int) -> list[str]:
@@ -87,7 +89,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], sides: str, width
     lines = []
     for row in cells:
         shown = [_short(row[0], widths[0]), *row[1:]]
-        lines.append(_GAP.join(c.ljust(w) if s == "l" else c.rjust(w) for c, w, s in zip(shown, widths, sides, strict=False)))
+        padded = [c.ljust(w) if s == "l" else c.rjust(w) for c, w, s in zip(shown, widths, sides, strict=False)]
+        lines.append(_GAP.join(padded))
     # a unit or a number that is absurdly long must not break the promise
     return [line[:width] for line in lines]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 _GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "eta": "η", "theta": "θ",
           "kappa": "κ", "lambda": "λ", "mu": "µ", "nu": "ν", "xi": "ξ", "rho": "ρ", "sigma": "σ", "tau": "τ",
@@ -42,4 +42,4 @@ def plain(name: str, label: str | None = None) -> str:
 def html(name: str, label: str | None = None) -> Markup:
     """Symbol for the page, escaped."""
     letter, index = parts(name, label)
-    return Markup("<i>{}</i><sub>{}</sub>").format(letter, index) if index else Markup("<i>{}</i>").format(escape(letter))
+    return Markup("<i>{}</i><sub>{}</sub>").format(letter, index) if index else Markup("<i>{}</i>").format(letter)

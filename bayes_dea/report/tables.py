@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup, escape
 
-from . import digits, symbols
+from . import digits
 from .data import ResultData, rmse_of
 
 _WORDS = {
@@ -61,16 +61,17 @@ def parameter_rows(data: ResultData, which: str = "parameters") -> list[Paramete
 def _parameter_row(data: ResultData, name: str) -> ParameterRow:
     e = data.entry(name)
     scale, decimals = reading(e)
-    prior = data.summary.get("priors", {}).get(name) or {}
-    draws = data.prior.get(name)
+    prior = data.described(name)
+    draws = data.prior_of(name)
     span = ""
     if draws is not None and np.ptp(draws) > 0:
         q = np.quantile(draws[np.isfinite(draws)], [0.05, 0.95])
         span = f"{digits.significant(scale(float(q[0])), 2)} –\u00a0{digits.significant(scale(float(q[1])), 2)}"
     return ParameterRow(
-        name, symbols.html(name, data.label(name)), scale.unit, _shown(e.get("q50"), scale, decimals),
+        name, data.html(name), scale.unit, _shown(e.get("q50"), scale, decimals),
         f"{_shown(e.get('q05'), scale, decimals)} –\u00a0{_shown(e.get('q95'), scale, decimals)}",
-        _shown(e.get("map"), scale, decimals), prior_words(str(prior.get("prior", "")), str(prior.get("unit", "")), lambda n: symbols.plain(n, data.label(n))), span,
+        _shown(e.get("map"), scale, decimals),
+        prior_words(str(prior.get("prior", "")), str(prior.get("unit", "")), data.plain), span,
         contraction_text(e.get("contraction")), digits.fixed(e.get("rhat"), 3), ess_text(e, data.converged))
 
 
@@ -78,9 +79,8 @@ def reading(entry: Mapping[str, Any]) -> tuple[digits.Scale, int]:
     """Scale and decimals of a posterior summary: two digits of its standard deviation."""
     unit = str(entry.get("unit", "1"))
     q05, q50, q95 = (entry.get(k) for k in ("q05", "q50", "q95"))
-    if not all(digits.is_number(v) for v in (q05, q50, q95)):
+    if not (digits.is_number(q05) and digits.is_number(q50) and digits.is_number(q95)):
         return digits.scale_for(None, unit), 3
-    assert q05 is not None and q50 is not None and q95 is not None
     # what is compatible with zero is scaled by its width: a median of 1e-9 is not meant in nano
     scale = digits.scale_for(max(abs(q50), 0.3 * (q95 - q05)), unit)
     return scale, digits.decimals_for(scale((q95 - q05) / 3.29))
@@ -241,7 +241,7 @@ def same_function_rows(data: ResultData) -> list[tuple[Markup, str, str]]:
     for name, value in ((data.summary.get("same_function") or {}).get("parameters") or {}).items():
         entry = data.entry(name)
         unit = str(entry.get("unit") or name.rsplit("_", 1)[-1])
-        rows.append((symbols.html(name, data.label(name)), digits.quantity(entry.get("map"), unit, 4),
+        rows.append((data.html(name), digits.quantity(entry.get("map"), unit, 4),
                      digits.quantity(value, unit, 4)))
     return rows
 
@@ -250,7 +250,7 @@ def source_rows(data: ResultData) -> list[tuple[Markup, str]]:
     """Symbols of parameters whose prior has the same source, and that source."""
     by: dict[str, list[Markup]] = {}
     for name, prior in (data.summary.get("priors") or {}).items():
-        by.setdefault(str(prior.get("source", "")), []).append(symbols.html(name, data.label(name)))
+        by.setdefault(str(prior.get("source", "")), []).append(data.html(name))
     return [(Markup(", ").join(names), source) for source, names in by.items() if source]
 
 

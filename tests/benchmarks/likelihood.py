@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 import bayes_dea as bd
 from bayes_dea.assemble import Assembled, assemble, remove_nuisance
-from bayes_dea.calibrate import CalibrationSettings, _walkers
-from bayes_dea.find_map import MapResult, find_map
+from bayes_dea.find_map import MapResult, find_map, laplace_covariance
 from bayes_dea.likelihood.block_group import build_block_groups
 from bayes_dea.likelihood.gram import evaluate
 from bayes_dea.likelihood.linear_group import LinearGroup, stroke_drive
@@ -137,13 +136,25 @@ def pints_likelihood(every: EverySample, lsim_model: bool) -> Any:
         for i, p in enumerate(every.group.fitted)])
 
 
+def spread(found: MapResult, posterior: Posterior, rng: np.random.Generator, ensembles: int = 2, walkers: int = 32) -> Array:
+    """Points (ensembles, walkers, d) drawn from the normal approximation at the maximum, where the prior allows them."""
+    factor = np.linalg.cholesky(laplace_covariance(found, posterior, rng))
+    out = np.empty((ensembles, walkers, posterior.dimension))
+    for e in range(ensembles):
+        need = np.arange(walkers)
+        while need.size:
+            out[e, need] = found.x + (1.2, 0.8)[e % 2] * rng.standard_normal((need.size, posterior.dimension)) @ factor.T
+            need = need[~np.isfinite(posterior.log_prob(out[e, need]))]
+    return out
+
+
 def start(campaign: bd.Campaign, seed: int = 1, spec: str = "hooke+gm3") -> tuple[Assembled, Posterior, MapResult, Array]:
     """Posterior of a campaign, its maximum, and 32 points spread around it as the sampler's walkers are."""
     assembled = assemble(campaign, bd.build_model(spec))
     rng = np.random.default_rng(seed)
     found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), rng,
                                 refresh=assembled.refresh if assembled.has_blocks else None)
-    q = _walkers(found, posterior, CalibrationSettings(ensembles=2), rng)[0]
+    q = spread(found, posterior, rng)[0]
     return assembled, posterior, found, q
 
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -24,15 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.assemble import assemble
-from bayes_dea.calibrate import CalibrationSettings, _walkers
+from bayes_dea.calibration import CalibrationSettings, _walkers
 from bayes_dea.campaign import Actuator, Campaign, Recording, Sensor, campaign_from_recordings, recording_from_arrays
 from bayes_dea.checks.sbc import sbc_ranks
 from bayes_dea.find_map import find_map
 from bayes_dea.fit.ensemble import sample
-from bayes_dea.likelihood.posterior import Posterior
+from bayes_dea.forward import simulate
 from bayes_dea.models.model import Model, build_model
 from bayes_dea.predict_recordings import conditional_gain
-from bayes_dea.simulate import simulate
 
 Array = NDArray[np.float64]
 
@@ -51,7 +49,7 @@ class Design:
     creep_V: float = 1000.0
     on_s: float = 15.0
     off_s: float = 10.0
-    hold_s: float = 95.0
+    hold_s: float = 575.0
     wave_s: float = 10.0
     fluctuation_m: float = 4.7e-6
     accuracy_m: float = 6.0e-6
@@ -59,21 +57,24 @@ class Design:
 
     def commands(self) -> dict[str, tuple[str, bool, Array, Array]]:
         """Kind, zeroed, time (n,) s and voltage (n,) V by name."""
-        step = 1 / self.sampling_Hz
-        t = np.arange(round((1 + self.on_s + self.off_s + self.hold_s) * self.sampling_Hz)) * step
+        t = self._times(1 + self.on_s + self.off_s + self.hold_s)
         on = ((t >= 1) & (t < 1 + self.on_s)) | (t >= 1 + self.on_s + self.off_s)
-        w = np.arange(round((self.wave_s + 1) * self.sampling_Hz)) * step
-        wave = np.where((w >= 0.5) & (w < self.wave_s + 0.5),
-                        np.where(np.floor(2 * (w - 0.5) + 1e-9) % 2 == 0, 1050.0, 250.0), 0.0)
-        return {"creep": ("creep", True, t, np.where(on, self.creep_V, 0.0)), "rectangle": ("rectangle", False, w, wave)}
+        w = self._times(self.wave_s + 1)
+        high = np.floor(2 * (w - 0.5) + 1e-9) % 2 == 0  # 1 Hz
+        wave = np.where((w >= 0.5) & (w < self.wave_s + 0.5), np.where(high, 1050.0, 250.0), 0.0).astype(float)
+        return {"creep": ("creep", True, t, np.where(on, self.creep_V, 0.0).astype(float)),
+                "rectangle": ("rectangle", False, w, wave)}
+
+    def _times(self, length_s: float) -> Array:
+        return np.asarray(np.arange(round(length_s * self.sampling_Hz)) / self.sampling_Hz, dtype=float)
 
 
 @dataclass(frozen=True)
 class Wrong:
-    """Ways of simulating something else than what is inferred, to see that the test can fail. Ones: nothing wrong."""
+    """What is simulated otherwise than it is inferred, to see that the check can fail. Defaults: nothing."""
 
     sigma_factor: float = 1.0
-    parameter_log_shift: float = 0.0  # of the first free parameter
+    gain_shift: float = 0.0  # centre of the gain's distribution, in its prior sds
 
 
 @dataclass(frozen=True)
@@ -125,33 +126,35 @@ def draw_campaign(model: Model, design: Design, rng: np.random.Generator, wrong:
     rho = float(rng.uniform(-1, 1))
     sigma = math.exp(log_sigma)
     physical = {k: float(v[0]) for k, v in model.physical(z[None]).items()}
-    first = model.priors.free[0].name
-    used = {**physical, first: physical[first] * math.exp(wrong.parameter_log_shift)}
     clean, noise = {}, {}
     commands = design.commands()
     for name, (kind, zeroed, t, voltage) in commands.items():
-        clean[name] = simulate(model, used, _recording(name, kind, zeroed, t, voltage, np.zeros(t.size)))
+        clean[name] = simulate(model, physical, _recording(name, kind, zeroed, t, voltage, np.zeros(t.size)))
         noise[name] = ar1(t.size, wrong.sigma_factor * sigma, rho, rng)
     largest = max(float(np.diff(np.quantile(clean[n] + noise[n], [0.001, 0.999]))[0]) for n in commands)
     systematic = design.accuracy_m / math.sqrt(3)
     gain_sd = systematic / largest
-    gain = gain_sd * float(rng.standard_normal())
+    gain = gain_sd * (wrong.gain_shift + float(rng.standard_normal()))
     recordings = []
     for name, (kind, zeroed, t, voltage) in commands.items():
         # zeroing leaves the scatter of the reading that became the zero
         offset = (design.fluctuation_m if zeroed else systematic) * rng.standard_normal()
         recordings.append(_recording(name, kind, zeroed, t, voltage, (1 + gain) * clean[name] + offset + noise[name]))
-    campaign = campaign_from_recordings(recordings, {"displacement": Sensor(design.fluctuation_m, design.accuracy_m, None)},
-                                        ACTUATOR, name="sbc", conventions={"plausibility": "warn"})
+    # strokes that no actuator has are part of the prior, so that plausibility is not asked for
+    sensor = Sensor(design.fluctuation_m, design.accuracy_m, None)
+    campaign = campaign_from_recordings(recordings, {"displacement": sensor}, ACTUATOR, name="sbc",
+                                        conventions={"plausibility": "warn"})
     reported = {k: float(v[0]) for k, v in model.reported(z[None]).items()}
     truth = {**reported, "sigma": sigma, "rho": rho, "gain": gain}
     return campaign, np.concatenate([z, [log_sigma, math.atanh(rho)]]), truth, gain_sd
 
 
-def replicate(spec: str, seed: int, index: int, keep: int = 99, design: Design | None = None, wrong: Wrong | None = None,
-              settings: CalibrationSettings | None = None,
-              tamper: Callable[[Posterior], Posterior] | None = None) -> Replicate:
-    """Replicate `index` of a run: the same numbers whichever process works it out. tamper: for tests of the test."""
+def replicate(spec: str, seed: int, index: int, keep: int = 99, design: Design | None = None,
+              wrong: Wrong | None = None, settings: CalibrationSettings | None = None) -> Replicate:
+    """Replicate `index` of a run: the same numbers whichever process works it out.
+
+    keep: how many draws the truth is ranked among; far fewer than the effective ones.
+    """
     began = time.perf_counter()
     rng = np.random.default_rng([seed, index])
     r_truth, r_map, r_start, r_sample, r_rank = rng.spawn(5)
@@ -161,9 +164,8 @@ def replicate(spec: str, seed: int, index: int, keep: int = 99, design: Design |
         warnings.simplefilter("ignore")
         campaign, q, truth, gain_sd = draw_campaign(model, design or Design(), r_truth, wrong)
         assembled = assemble(campaign, model)
-        found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map, s.map)
-        if tamper is not None:
-            posterior = tamper(posterior)
+        found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map,
+                                    s.map)
         start = _walkers(found, posterior, s, r_start)
 
         def derived(x: Array) -> dict[str, Array]:

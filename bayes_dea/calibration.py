@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import __version__
 from .assemble import Assembled, assemble
 from .campaign.schema import Campaign
-from .errors import NotConvergedWarning
+from .errors import InputError, NotConvergedWarning
 from .find_map import MapResult, MapSettings, find_map, laplace_covariance
 from .fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
 from .fit.evidence import bridge_log_evidence
@@ -112,28 +112,69 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
     with python_warnings.catch_warnings():
         python_warnings.simplefilter("ignore", NotConvergedWarning)
         python_warnings.simplefilter("ignore", RuntimeWarning)
-        sampling = sample(posterior.log_prob, start, s.sampler, r_sample, names=posterior.names, report=on_check,
-                          derived=lambda q: reported_quantities(posterior, q), checkpoint=checkpoint,
-                          resume_from=checkpoint if checkpoint is not None and checkpoint.exists() else None)
+        sampling = _sample(posterior, start, s.sampler, r_sample, on_check, checkpoint)
     clock.lap("sample")
     say("evidence", 0, 1, "bridge sampling")
-    log_evidence, log_evidence_se = bridge_log_evidence(posterior.log_prob, sampling.chains, r_evidence)
+    log_evidence, log_evidence_se, no_evidence = _evidence(posterior, sampling, r_evidence)
     clock.lap("evidence")
     draws = _thinned(sampling, s.draws)
     flat = draws.reshape(-1, draws.shape[-1])
     predictions = predict_all(assembled, posterior, flat, r_predict, s.predictive_draws, s.workers,
                               lambda i, n, name: say("predicting", i, n, name))
-    predictions = _refit_left_out(assembled, posterior, predictions, sampling.chains, r_predict)
+    predictions = _refit_left_out(assembled, posterior, predictions, sampling.chains, r_predict, say)
     prior_draws = posterior.prior_draws(4000, r_prior)
     prior_predictive = _prior_predictive(assembled, posterior, prior_draws[:100])
     clock.lap("predict")
     quantities = _quantities(posterior, flat, r_predict, draws.shape[:2])
     prior_quantities = {**model.reported(posterior.model_part(prior_draws)), **posterior.noise_quantities(prior_draws)}
-    notes = list(assembled.warnings) + _notes(model, found, sampling, quantities, prior_quantities, predictions)
+    notes = [*assembled.warnings, *no_evidence,
+             *_notes(model, found, sampling, quantities, prior_quantities, predictions)]
+    if not sampling.converged:
+        python_warnings.warn(f"{model.name} on {campaign.name}: sampling did not converge: {sampling.reason}",
+                             NotConvergedWarning, stacklevel=2)
     summary = _summary(model, campaign, posterior, found, sampling, s, quantities, prior_quantities, predictions,
                        log_evidence, log_evidence_se, seed, notes, clock)
     return Calibration(model, campaign, assembled, posterior, found, sampling, draws, quantities, prior_quantities,
                        tuple(predictions), prior_predictive, summary)
+
+
+def _sample(posterior: Posterior, start: NDArray, settings: EnsembleSettings, rng: np.random.Generator,
+            report: Callable[[Progress], None], checkpoint: Path | None) -> EnsembleResult:
+    """The ensembles, from the checkpoint where there is one that fits, from `start` otherwise."""
+    def run(resume_from: Path | None) -> EnsembleResult:
+        return sample(posterior.log_prob, start, settings, rng, names=posterior.names, report=report,
+                      derived=lambda q: _to_converge(posterior, q), checkpoint=checkpoint, resume_from=resume_from)
+
+    if checkpoint is not None and checkpoint.exists():
+        try:
+            return run(checkpoint)
+        except InputError:  # damaged, or of another machine whose last digits differ: it is worth no more than time
+            pass
+    return run(None)
+
+
+def _to_converge(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
+    """Everything that is reported, of draws (B, d); of the gains, which are integrated out, the mean given the draw."""
+    parts = []
+    for rows in np.array_split(q, max(1, len(q) // 256)):
+        means = {_gain_name(posterior, *key): mean for key, (mean, _) in conditional_gain(posterior, rows).items()}
+        parts.append({**reported_quantities(posterior, rows), **means})
+    return {name: np.concatenate([np.asarray(part[name]) for part in parts]) for name in parts[0]}
+
+
+def _gain_name(posterior: Posterior, channel: str, specimen: str) -> str:
+    several = len({g.specimen for g in posterior.groups}) > 1
+    return f"gain_{channel}_{specimen}" if several else f"gain_{channel}"
+
+
+def _evidence(posterior: Posterior, sampling: EnsembleResult, rng: np.random.Generator
+              ) -> tuple[float, float, list[str]]:
+    """Log evidence and its standard error; where the draws do not carry one, NaN and a text that says so."""
+    try:
+        return *bridge_log_evidence(posterior.log_prob, sampling.chains, rng), []
+    except InputError as error:
+        return float("nan"), float("nan"), [f"The evidence could not be estimated ({error}): run the sampler longer "
+                                            "(--max-steps)."]
 
 
 class _Clock:
@@ -196,13 +237,12 @@ def _quantities(posterior: Posterior, flat: NDArray, rng: np.random.Generator, s
                 ) -> dict[str, NDArray]:
     out = reported_quantities(posterior, flat)
     for (channel, specimen), (mean, sd) in conditional_gain(posterior, flat).items():
-        suffix = "" if len({g.specimen for g in posterior.groups}) == 1 else f"_{specimen}"
-        out[f"gain_{channel}{suffix}"] = mean + sd * rng.standard_normal(len(mean))
+        out[_gain_name(posterior, channel, specimen)] = mean + sd * rng.standard_normal(len(mean))
     return {name: np.asarray(v).reshape(shape) for name, v in out.items()}
 
 
 def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: list[Prediction], chains: NDArray,
-                    rng: np.random.Generator) -> list[Prediction]:
+                    rng: np.random.Generator, say: Report) -> list[Prediction]:
     """ELPD of recordings whose leaving out moves the posterior too far for reweighting: sample without them.
 
     Only where the likelihood is a Gram everywhere, so that a refit costs a second; elsewhere the ELPD stays unknown.
@@ -210,7 +250,7 @@ def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: lis
     if assembled.has_blocks:
         return predictions
     out = []
-    quick = EnsembleSettings(max_steps=1500, max_seconds=20.0)
+    quick = EnsembleSettings(max_steps=1500)  # no limit in seconds: the same seed gives the same numbers
     for p in predictions:
         if p.role != "identify" or p.elpd is not None:
             out.append(p)
@@ -227,7 +267,8 @@ def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: lis
                          start, chains[:, -1])
         with python_warnings.catch_warnings():
             python_warnings.simplefilter("ignore")
-            refit = sample(without.log_prob, start, quick, rng, names=posterior.names)
+            refit = sample(without.log_prob, start, quick, rng, names=posterior.names,
+                           report=lambda at, name=p.name: say("sampling again", at.step, at.max_steps, f"without {name}"))
         draws = _thinned(refit, 1000).reshape(-1, posterior.dimension)
         names = [f.name for f in group.fitted]
         log_likelihood = (subset_terms(posterior, group, draws, names)[:, 0]
@@ -239,7 +280,7 @@ def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: lis
 
 def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray) -> dict[str, NDArray]:
     """Largest output that prior draws predict for each recording (n,), for the question: is the prior sensible?"""
-    from .simulate import simulate
+    from .forward import simulate
 
     values = posterior.model.physical(posterior.model_part(draws))
     out = {}
@@ -269,7 +310,7 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
              s: CalibrationSettings, quantities: Mapping[str, NDArray], prior: Mapping[str, NDArray],
              predictions: list[Prediction], log_evidence: float, se: float, seed: int, notes: list[str],
              clock: _Clock) -> dict[str, Any]:
-    at = reported_quantities(posterior, found.x[None])
+    at = _to_converge(posterior, found.x[None])
     base_names = set(model.reported(posterior.model_part(found.x[None])))
     at_map = {name: v for name, v in at.items() if name in base_names or name.rsplit("_", 1)[0] in base_names}
     units = model.units()
@@ -292,13 +333,13 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
         unit = "1"
         if name.startswith(("sigma_", "zero_")):
             unit = name.rsplit("_", 1)[1]
-        entry = {**_statistics(v), "unit": unit, "map": float(at[name][0]) if name in at else None, **health(name)}
+        noise[name] = {**_statistics(v), "unit": unit, "map": float(at[name][0]), **health(name), "contraction": None}
         if name in prior:
-            entry["contraction"] = _contraction(v, prior[name], name.startswith("sigma"))
-        noise[name] = entry
+            noise[name]["contraction"] = _contraction(v, prior[name], name.startswith("sigma"))
+    for zero in posterior.zeros:
+        noise[zero.name]["contraction"] = float(1 - np.var(quantities[zero.name]) / zero.sd**2)
     for group in posterior.groups:
-        suffix = "" if len({g.specimen for g in posterior.groups}) == 1 else f"_{group.specimen}"
-        name = f"gain_{group.channel}{suffix}"
+        name = _gain_name(posterior, group.channel, group.specimen)
         if group.gain_sd > 0:
             noise[name]["contraction"] = float(1 - np.var(quantities[name]) / group.gain_sd**2)
     same = maxwell_form(model, {k: np.array([v["map"]]) for k, v in parameters.items()} | {
@@ -315,8 +356,7 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
         "search": {"swarms": found.swarms, "agree": found.agree, "evaluations": found.evaluations,
                    "converged": found.converged},
         "recordings": [{
-            "recording": p.name, "role": p.role, "channel": p.channel, "n": p.n, "rmse_m" if p.channel == "displacement"
-            else "rmse_N": p.rmse, "rmse_raw": p.rmse_raw, "noise_floor": p.noise_floor, "r2": p.r2,
+            "recording": p.name, "role": p.role, "channel": p.channel, "n": p.n, **_rmse(p), "rmse_raw": p.rmse_raw, "noise_floor": p.noise_floor, "r2": p.r2,
             "chi2_reduced": p.chi2_reduced, "coverage_50": p.coverage_50, "coverage_90": p.coverage_90,
             "pit_p_value": p.pit_p_value, "elpd": p.elpd, "pareto_k": p.pareto_k} for p in predictions],
         "map_log_posterior": found.log_posterior,
@@ -336,6 +376,11 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
         "meta": dict(campaign.meta),
         "warnings": list(dict.fromkeys(notes)),
     }
+
+
+def _rmse(p: Prediction) -> dict[str, float | None]:
+    """The RMSE under the name of its unit; `rmse_m` is there for every recording, null where nothing is in metres."""
+    return {"rmse_m": p.rmse} if p.channel == "displacement" else {"rmse_N": p.rmse, "rmse_m": None}
 
 
 def _largest(values: NDArray) -> float | None:

@@ -1,0 +1,59 @@
+"""The summary for a terminal fits it and says the same as the page."""
+
+from pathlib import Path
+
+import pytest
+from report_samples import Make
+
+from bayes_dea.report.summary import terminal_summary
+from bayes_dea.report.verdict import verdict
+from bayes_dea.results import read_json
+
+
+def test_it_says_what_matters_in_80_columns(result: Path) -> None:
+    summary = read_json(result / "calibration.json")
+    summary["warnings"] = ["a warning of many words " * 12]
+    text = terminal_summary(summary)
+    assert text.isascii()
+    assert max(len(line) for line in text.splitlines()) <= 80
+    flat = " ".join(text.split())
+    for said in ("hooke+gm1 on bench day 3", "The sampler converged;", "creep_1000V.csv fitted 40000 4.70 4.70 um 1.00",
+                 "sine_1Hz.csv kept", "relaxation.csv fitted 40000 20.0 20.0 mN", "1 warning:", "- a warning of many words",
+                 "Y ", "MPa", "1.002", "4321", "ESS"):
+        assert said in flat
+
+
+def test_long_names_are_shortened_to_fit(result: Path) -> None:
+    summary = read_json(result / "calibration.json")
+    summary["recordings"][0]["recording"] = "a_very_long_name_" * 8 + "end.csv"
+    for width in (60, 80, 120):
+        text = terminal_summary(summary, width)
+        assert max(len(line) for line in text.splitlines()) <= width
+    assert ".." in text
+
+
+def test_not_converged_gives_no_ess(make_result: Make, tmp_path: Path) -> None:
+    summary = read_json(make_result(tmp_path, converged=False) / "calibration.json")
+    text = terminal_summary(summary)
+    assert "did not converge" in text
+    assert "ESS" not in text
+    assert "nan" not in text.lower()
+    assert "None" not in text
+
+
+@pytest.mark.parametrize(("change", "level", "said"), [
+    ({}, "good", "nothing seems to be left out (reduced χ² 1.00)"),
+    ({"chi2_reduced": 5.4}, "check", "something seems to be left out on"),
+    ({"chi2_reduced": 0.2}, "check", "seems overstated (reduced χ² 0.20"),
+    ({"coverage_90": 0.6, "role": "validate"}, "check", "the bands are too narrow"),
+    ({"coverage_90": 0.99, "role": "validate"}, "check", "the bands are too wide"),
+    ({"role": "identify"}, "good", "no recording was kept back")])
+def test_verdict(result: Path, change: dict, level: str, said: str) -> None:
+    summary = read_json(result / "calibration.json")
+    for r in summary["recordings"]:
+        r.update({"coverage_90": 0.9} | change)
+    v = verdict(summary)
+    assert v.level == level
+    assert said in v.sentence
+    assert v.sentence.endswith(".")
+    assert v.sentence.count(".") == v.sentence.replace(". ", " ").count(".")  # one sentence
