@@ -17,13 +17,31 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _NAMES = {
-    "Actuator": "campaign", "Campaign": "campaign", "Recording": "campaign", "Sensor": "campaign",
-    "load_campaign": "campaign", "recording_from_arrays": "campaign", "campaign_from_recordings": "campaign",
-    "Calibration": "calibration", "CalibrationSettings": "calibration", "calibrate": "calibration",
-    "Model": "models.model", "build_model": "models.model", "Prior": "priors", "Parameter": "priors",
-    "read_prior_file": "priors", "simulate": "forward", "gm_to_gkv": "models.networks", "gkv_to_gm": "models.networks",
-    "run_bench": "bench.run", "write_report": "report.page", "load_posterior": "store", "inference_data": "store",
-    "BayesDEAError": "errors", "InputError": "errors", "NotConvergedWarning": "errors",
+    "Actuator": "campaign",
+    "Campaign": "campaign",
+    "Recording": "campaign",
+    "Sensor": "campaign",
+    "load_campaign": "campaign",
+    "recording_from_arrays": "campaign",
+    "campaign_from_recordings": "campaign",
+    "Calibration": "calibration",
+    "CalibrationSettings": "calibration",
+    "calibrate": "calibration",
+    "Model": "models.model",
+    "build_model": "models.model",
+    "Prior": "priors",
+    "Parameter": "priors",
+    "read_prior_file": "priors",
+    "simulate": "forward",
+    "gm_to_gkv": "models.networks",
+    "gkv_to_gm": "models.networks",
+    "run_bench": "bench.run",
+    "write_report": "report.page",
+    "load_posterior": "store",
+    "inference_data": "store",
+    "BayesDEAError": "errors",
+    "InputError": "errors",
+    "NotConvergedWarning": "errors",
 }
 
 __all__ = ["__version__", *sorted(_NAMES)]
@@ -41,11 +59,11 @@ if TYPE_CHECKING:
         recording_from_arrays,
     )
     from .errors import BayesDEAError, InputError, NotConvergedWarning
+    from .forward import simulate
     from .models.model import Model, build_model
     from .models.networks import gkv_to_gm, gm_to_gkv
     from .priors import Parameter, Prior, read_prior_file
     from .report.page import write_report
-    from .forward import simulate
     from .store import inference_data, load_posterior
 
 

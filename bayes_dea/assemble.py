@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from .campaign.schema import Campaign, Recording, Sensor
 from .errors import InputError
+from .forward import simulate
 from .likelihood.block_group import BlockGroup, build_block_groups
 from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
-from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes
+from .likelihood.prepare import Prepared, prepare_all, rate_classes
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
 from .models.model import Model, build_model
 from .noise.edges import input_noise
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
-from .forward import simulate
 
 _UNITS = {"displacement": "m", "force": "N"}
 #: the slack before contact, as a share of the stack height: centre and sd of its prior
@@ -93,8 +93,10 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
     specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
     for p in prepared:
         if p.recording.specimen not in specimens:
-            raise InputError(f"{p.name}: specimen {p.recording.specimen} has no recording to identify; give it one, "
-                             "or share all parameters by calling it the same specimen")
+            raise InputError(
+                f"{p.name}: specimen {p.recording.specimen} has no recording to identify; give it one, "
+                "or share all parameters by calling it the same specimen"
+            )
     own = _own_parameters(campaign, model, specimens)
     if own:
         model = replace(model, plain=True)
@@ -103,8 +105,15 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
         search_model = linearised(model)
     else:
         search_model = replace(model, plain=False) if own else model
-    return Assembled(campaign, posterior, prepared, terms, search_model, tuple(g for g in linear if g.fitted),
-                     tuple(dict.fromkeys(warnings)))
+    return Assembled(
+        campaign,
+        posterior,
+        prepared,
+        terms,
+        search_model,
+        tuple(g for g in linear if g.fitted),
+        tuple(dict.fromkeys(warnings)),
+    )
 
 
 def _usable(campaign: Campaign, model: Model, warnings: list[str]) -> tuple[Recording, ...]:
@@ -113,13 +122,17 @@ def _usable(campaign: Campaign, model: Model, warnings: list[str]) -> tuple[Reco
         if r.is_voltage or (r.is_mechanical and not model.is_black_box):
             used.append(r)
         elif r.is_mechanical:
-            warnings.append(f"{r.name}: {model.name} is a black box from voltage to displacement and knows no force; "
-                            "the recording was left out")
+            warnings.append(
+                f"{r.name}: {model.name} is a black box from voltage to displacement and knows no force; "
+                "the recording was left out"
+            )
         else:
             warnings.append(f"{r.name}: kind '{r.kind}' was read but says nothing to {model.name}; it was left out")
     if not any(r.role == "identify" for r in used):
-        raise InputError(f"{campaign.name}: no recording with role = \"identify\" that {model.name} can be fitted to; "
-                         "give at least one in campaign.toml")
+        raise InputError(
+            f'{campaign.name}: no recording with role = "identify" that {model.name} can be fitted to; '
+            "give at least one in campaign.toml"
+        )
     return tuple(used)
 
 
@@ -139,18 +152,28 @@ def linearised(model: Model) -> Model:
     network = f"+{model.spec.network}{model.spec.elements}" if model.spec.network != "none" else ""
     linear = build_model(f"hooke{network}")
     own = {p.name: p for p in model.parameters}
-    kept = {p.name: own[p.name].prior for p in linear.parameters
-            if p.name in own and not own[p.name].fixed and own[p.name].prior.relative_to is None and own[p.name].prior.is_log}
+    kept = {
+        p.name: own[p.name].prior
+        for p in linear.parameters
+        if p.name in own
+        and not own[p.name].fixed
+        and own[p.name].prior.relative_to is None
+        and own[p.name].prior.is_log
+    }
     return build_model(f"hooke{network}", kept)
 
 
 def _disturbances(p: Prepared) -> list[str]:
     out = []
     if p.dropouts:
-        out.append(f"{p.name}: {p.dropouts} drop-outs ({p.dropouts / p.y.size:.2g} of the samples) were found and masked")
+        out.append(
+            f"{p.name}: {p.dropouts} drop-outs ({p.dropouts / p.y.size:.2g} of the samples) were found and masked"
+        )
     if p.mains is not None:
-        out.append(f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
-                   f"{_UNITS[p.channel]} was found and is modelled")
+        out.append(
+            f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
+            f"{_UNITS[p.channel]} was found and is modelled"
+        )
     return out
 
 
@@ -164,15 +187,18 @@ def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[
     return out
 
 
-def _force_terms(campaign: Campaign, prepared: tuple[Prepared, ...], warnings: list[str]
-                 ) -> tuple[dict[str, NoiseTerms], dict[str, float]]:
+def _force_terms(
+    campaign: Campaign, prepared: tuple[Prepared, ...], warnings: list[str]
+) -> tuple[dict[str, NoiseTerms], dict[str, float]]:
     """Noise terms of the forces, and the variance that the scatter of the position adds to a sample."""
     largest = max(p.signal() for p in prepared)
     quiet = float(np.median([p.quiet_sd for p in prepared]))
     stated = campaign.sensors.get("position", Sensor())
     stiffness = float(np.median([_stiffness(p) for p in prepared]))
-    travel = max(float(np.nanmax(p.recording.columns["position_m"]) - np.nanmin(p.recording.columns["position_m"]))
-                 for p in prepared)
+    travel = max(
+        float(np.nanmax(p.recording.columns["position_m"]) - np.nanmin(p.recording.columns["position_m"]))
+        for p in prepared
+    )
     carried = force_noise_from_position(stated, stiffness, travel)
     warnings += carried.warnings
     terms, scatter = {}, {}
@@ -183,7 +209,7 @@ def _force_terms(campaign: Campaign, prepared: tuple[Prepared, ...], warnings: l
         terms[p.name] = replace(own, gain_sd=float(np.hypot(own.gain_sd, carried.gain_sd)))
         # the recorded scatter is evidence, the stated one a promise
         seen = input_noise(filled_input(p.recording.columns["position_m"]))
-        scatter[p.name] = (stiffness * seen)**2
+        scatter[p.name] = (stiffness * seen) ** 2
     return terms, scatter
 
 
@@ -195,8 +221,9 @@ def _stiffness(p: Prepared) -> float:
     return max(force / max(float(np.ptp(x)), 1e-9), 1e-9)
 
 
-def _channel(prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], channel: str,
-             warnings: list[str]) -> ChannelNoise:
+def _channel(
+    prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], channel: str, warnings: list[str]
+) -> ChannelNoise:
     rates = rate_classes(prepared)
     fitted = [p for p in prepared if p.recording.role == "identify"] or list(prepared)
     first = terms[fitted[0].name]
@@ -206,10 +233,19 @@ def _channel(prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], ch
         members = [p.quiet_rho for p in fitted if rates.of(p) == i and np.isfinite(p.quiet_rho)]
         guess.append(float(np.median(members)) if members else 0.0)
     if sd > 2.5 * first.sigma_median or sd < first.sigma_median / 2.5:
-        warnings.append(f"[sensor.{channel}] states a fluctuation of {first.sigma_median:.3g} {_UNITS[channel]}; quiet "
-                        f"stretches of the recordings scatter by {sd:.3g}. The recordings decide, but check the statement.")
-    return ChannelNoise(channel, _UNITS[channel], first.sigma_median, first.sigma_log_sd, rates,
-                        sd if np.isfinite(sd) and sd > 0 else first.sigma_median, tuple(guess))
+        warnings.append(
+            f"[sensor.{channel}] states a fluctuation of {first.sigma_median:.3g} {_UNITS[channel]}; quiet "
+            f"stretches of the recordings scatter by {sd:.3g}. The recordings decide, but check the statement."
+        )
+    return ChannelNoise(
+        channel,
+        _UNITS[channel],
+        first.sigma_median,
+        first.sigma_log_sd,
+        rates,
+        sd if np.isfinite(sd) and sd > 0 else first.sigma_median,
+        tuple(guess),
+    )
 
 
 def _zero_prior(p: Prepared) -> ZeroPrior:

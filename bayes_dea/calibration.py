@@ -31,7 +31,7 @@ Report = Callable[[str, float, float, str], None]
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for the results."""
+    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for results."""
 
     walkers: int = 32
     ensembles: int = 2
@@ -77,9 +77,15 @@ class Calibration:
         return save_calibration(self, Path(out), report)
 
 
-def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: CalibrationSettings | None = None,
-              priors: Mapping[str, Parameter | Prior] | None = None, report: Report | None = None,
-              checkpoint: Path | None = None) -> Calibration:
+def calibrate(
+    campaign: Campaign,
+    model: Model | str,
+    seed: int = 1,
+    settings: CalibrationSettings | None = None,
+    priors: Mapping[str, Parameter | Prior] | None = None,
+    report: Report | None = None,
+    checkpoint: Path | None = None,
+) -> Calibration:
     """Calibrate a model on the recordings with role "identify" and predict all.
 
     model: a SPEC (``"hooke+gm3"``) or a Model. priors: overrides by parameter name. checkpoint: file that the sampler
@@ -98,8 +104,14 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
     assembled = assemble(campaign, model, s.workers)
     clock.lap("assemble")
     say("searching the MAP", 0, 1, f"{s.map.swarms} swarms")
-    found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map, s.map,
-                                assembled.refresh if assembled.has_blocks else None)
+    found, posterior = find_map(
+        assembled.posterior,
+        assembled.search_model,
+        list(assembled.search_groups),
+        r_map,
+        s.map,
+        assembled.refresh if assembled.has_blocks else None,
+    )
     clock.lap("map")
     start = _walkers(found, posterior, s, r_start)
 
@@ -107,11 +119,13 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
         tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
         rhat = f"R-hat {p.rhat:.3f}, " if np.isfinite(p.rhat) else ""
         goal = 60 * p.tau if np.isfinite(p.tau) else p.max_steps
-        say("sampling", min(p.step, goal), max(goal, p.step), f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}")
+        text = f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}"
+        say("sampling", min(p.step, goal), max(goal, p.step), text)
 
     with python_warnings.catch_warnings():
         python_warnings.simplefilter("ignore", NotConvergedWarning)
         python_warnings.simplefilter("ignore", RuntimeWarning)
+        say("sampling", 0, 1, "")
         sampling = _sample(posterior, start, s.sampler, r_sample, on_check, checkpoint)
     clock.lap("sample")
     say("evidence", 0, 1, "bridge sampling")
@@ -119,31 +133,86 @@ def calibrate(campaign: Campaign, model: Model | str, seed: int = 1, settings: C
     clock.lap("evidence")
     draws = _thinned(sampling, s.draws)
     flat = draws.reshape(-1, draws.shape[-1])
-    predictions = predict_all(assembled, posterior, flat, r_predict, s.predictive_draws, s.workers,
-                              lambda i, n, name: say("predicting", i, n, name))
+    predictions = predict_all(
+        assembled,
+        posterior,
+        flat,
+        r_predict,
+        s.predictive_draws,
+        s.workers,
+        lambda i, n, name: say("predicting", i, n, name),
+    )
     predictions = _refit_left_out(assembled, posterior, predictions, sampling.chains, r_predict, say)
     prior_draws = posterior.prior_draws(4000, r_prior)
     prior_predictive = _prior_predictive(assembled, posterior, prior_draws[:100])
     clock.lap("predict")
     quantities = _quantities(posterior, flat, r_predict, draws.shape[:2])
     prior_quantities = {**model.reported(posterior.model_part(prior_draws)), **posterior.noise_quantities(prior_draws)}
-    notes = [*assembled.warnings, *no_evidence,
-             *_notes(model, found, sampling, quantities, prior_quantities, predictions)]
+    notes = [
+        *assembled.warnings,
+        *no_evidence,
+        *_notes(model, found, sampling, quantities, prior_quantities, predictions),
+    ]
     if not sampling.converged:
-        python_warnings.warn(f"{model.name} on {campaign.name}: sampling did not converge: {sampling.reason}",
-                             NotConvergedWarning, stacklevel=2)
-    summary = _summary(model, campaign, posterior, found, sampling, s, quantities, prior_quantities, predictions,
-                       log_evidence, log_evidence_se, seed, notes, clock)
-    return Calibration(model, campaign, assembled, posterior, found, sampling, draws, quantities, prior_quantities,
-                       tuple(predictions), prior_predictive, summary)
+        python_warnings.warn(
+            f"{model.name} on {campaign.name}: sampling did not converge: {sampling.reason}",
+            NotConvergedWarning,
+            stacklevel=2,
+        )
+    summary = _summary(
+        model,
+        campaign,
+        posterior,
+        found,
+        sampling,
+        s,
+        quantities,
+        prior_quantities,
+        predictions,
+        log_evidence,
+        log_evidence_se,
+        seed,
+        notes,
+        clock,
+    )
+    return Calibration(
+        model,
+        campaign,
+        assembled,
+        posterior,
+        found,
+        sampling,
+        draws,
+        quantities,
+        prior_quantities,
+        tuple(predictions),
+        prior_predictive,
+        summary,
+    )
 
 
-def _sample(posterior: Posterior, start: NDArray, settings: EnsembleSettings, rng: np.random.Generator,
-            report: Callable[[Progress], None], checkpoint: Path | None) -> EnsembleResult:
+def _sample(
+    posterior: Posterior,
+    start: NDArray,
+    settings: EnsembleSettings,
+    rng: np.random.Generator,
+    report: Callable[[Progress], None],
+    checkpoint: Path | None,
+) -> EnsembleResult:
     """The ensembles, from the checkpoint where there is one that fits, from `start` otherwise."""
+
     def run(resume_from: Path | None) -> EnsembleResult:
-        return sample(posterior.log_prob, start, settings, rng, names=posterior.names, report=report,
-                      derived=lambda q: _to_converge(posterior, q), checkpoint=checkpoint, resume_from=resume_from)
+        return sample(
+            posterior.log_prob,
+            start,
+            settings,
+            rng,
+            names=posterior.names,
+            report=report,
+            derived=lambda q: _to_converge(posterior, q),
+            checkpoint=checkpoint,
+            resume_from=resume_from,
+        )
 
     if checkpoint is not None and checkpoint.exists():
         try:
@@ -167,14 +236,18 @@ def _gain_name(posterior: Posterior, channel: str, specimen: str) -> str:
     return f"gain_{channel}_{specimen}" if several else f"gain_{channel}"
 
 
-def _evidence(posterior: Posterior, sampling: EnsembleResult, rng: np.random.Generator
-              ) -> tuple[float, float, list[str]]:
+def _evidence(
+    posterior: Posterior, sampling: EnsembleResult, rng: np.random.Generator
+) -> tuple[float, float, list[str]]:
     """Log evidence and its standard error; where the draws do not carry one, NaN and a text that says so."""
     try:
         return *bridge_log_evidence(posterior.log_prob, sampling.chains, rng), []
     except InputError as error:
-        return float("nan"), float("nan"), [f"The evidence could not be estimated ({error}): run the sampler longer "
-                                            "(--max-steps)."]
+        return (
+            float("nan"),
+            float("nan"),
+            [f"The evidence could not be estimated ({error}): run the sampler longer (--max-steps)."],
+        )
 
 
 class _Clock:
@@ -219,7 +292,8 @@ def reported_quantities(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
     for specimen in posterior.specimens[1:] if posterior.own else ():
         values = posterior.model.reported(posterior.model_part(q, specimen))
         # what is shared is the same number and not said twice
-        own = {posterior.model.priors.names[i] for i in posterior.own} if set(names) <= set(posterior.model.priors.names) else names
+        of_priors = posterior.model.priors.names
+        own = {of_priors[i] for i in posterior.own} if set(names) <= set(of_priors) else names
         out |= {f"{name}_{specimen}": values[name] for name in names if name in own}
     out |= posterior.noise_quantities(q)
     zeros = posterior.zeros_part(q)
@@ -233,16 +307,23 @@ def _thinned(sampling: EnsembleResult, count: int) -> NDArray:
     return chains[:, np.linspace(0, chains.shape[1] - 1, per).astype(int)]
 
 
-def _quantities(posterior: Posterior, flat: NDArray, rng: np.random.Generator, shape: tuple[int, ...]
-                ) -> dict[str, NDArray]:
+def _quantities(
+    posterior: Posterior, flat: NDArray, rng: np.random.Generator, shape: tuple[int, ...]
+) -> dict[str, NDArray]:
     out = reported_quantities(posterior, flat)
     for (channel, specimen), (mean, sd) in conditional_gain(posterior, flat).items():
         out[_gain_name(posterior, channel, specimen)] = mean + sd * rng.standard_normal(len(mean))
     return {name: np.asarray(v).reshape(shape) for name, v in out.items()}
 
 
-def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: list[Prediction], chains: NDArray,
-                    rng: np.random.Generator, say: Report) -> list[Prediction]:
+def _refit_left_out(
+    assembled: Assembled,
+    posterior: Posterior,
+    predictions: list[Prediction],
+    chains: NDArray,
+    rng: np.random.Generator,
+    say: Report,
+) -> list[Prediction]:
     """ELPD of recordings whose leaving out moves the posterior too far for reweighting: sample without them.
 
     Only where the likelihood is a Gram everywhere, so that a refit costs a second; elsewhere the ELPD stays unknown.
@@ -263,16 +344,26 @@ def _refit_left_out(assembled: Assembled, posterior: Posterior, predictions: lis
         start = chains[:, -1].copy()
         centre = start.mean(axis=(0, 1))
         start = centre + 1.5 * (start - centre)
-        start = np.where(np.isfinite(without.log_prob(start.reshape(-1, start.shape[-1]))).reshape(*start.shape[:2], 1),
-                         start, chains[:, -1])
+        start = np.where(
+            np.isfinite(without.log_prob(start.reshape(-1, start.shape[-1]))).reshape(*start.shape[:2], 1),
+            start,
+            chains[:, -1],
+        )
+
+        def on_check(at: Progress, name: str = p.name) -> None:
+            say("sampling again", at.step, at.max_steps, f"without {name}")
+
+        say("sampling again", 0, 1, "")
         with python_warnings.catch_warnings():
             python_warnings.simplefilter("ignore")
-            refit = sample(without.log_prob, start, quick, rng, names=posterior.names,
-                           report=lambda at, name=p.name: say("sampling again", at.step, at.max_steps, f"without {name}"))
+            refit = sample(without.log_prob, start, quick, rng, names=posterior.names, report=on_check)
+        say("predicting", 0, 1, "")
         draws = _thinned(refit, 1000).reshape(-1, posterior.dimension)
         names = [f.name for f in group.fitted]
-        log_likelihood = (subset_terms(posterior, group, draws, names)[:, 0]
-                          - subset_terms(posterior, group, draws, [n for n in names if n != p.name])[:, 0])
+        log_likelihood = (
+            subset_terms(posterior, group, draws, names)[:, 0]
+            - subset_terms(posterior, group, draws, [n for n in names if n != p.name])[:, 0]
+        )
         top = log_likelihood.max()
         out.append(replace(p, elpd=float(top + np.log(np.mean(np.exp(log_likelihood - top))))))
     return out
@@ -295,8 +386,13 @@ def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray
 
 def _statistics(values: NDArray) -> dict[str, float]:
     q = np.quantile(values, [0.05, 0.5, 0.95])
-    return {"mean": float(np.mean(values)), "sd": float(np.std(values)), "q05": float(q[0]), "q50": float(q[1]),
-            "q95": float(q[2])}
+    return {
+        "mean": float(np.mean(values)),
+        "sd": float(np.std(values)),
+        "q05": float(q[0]),
+        "q50": float(q[1]),
+        "q95": float(q[2]),
+    }
 
 
 def _contraction(values: NDArray, prior: NDArray, log: bool) -> float:
@@ -306,10 +402,22 @@ def _contraction(values: NDArray, prior: NDArray, log: bool) -> float:
     return float(1 - np.var(a) / np.var(b)) if b.size and np.var(b) > 0 else float("nan")
 
 
-def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapResult, sampling: EnsembleResult,
-             s: CalibrationSettings, quantities: Mapping[str, NDArray], prior: Mapping[str, NDArray],
-             predictions: list[Prediction], log_evidence: float, se: float, seed: int, notes: list[str],
-             clock: _Clock) -> dict[str, Any]:
+def _summary(
+    model: Model,
+    campaign: Campaign,
+    posterior: Posterior,
+    found: MapResult,
+    sampling: EnsembleResult,
+    s: CalibrationSettings,
+    quantities: Mapping[str, NDArray],
+    prior: Mapping[str, NDArray],
+    predictions: list[Prediction],
+    log_evidence: float,
+    se: float,
+    seed: int,
+    notes: list[str],
+    clock: _Clock,
+) -> dict[str, Any]:
     at = _to_converge(posterior, found.x[None])
     base_names = set(model.reported(posterior.model_part(found.x[None])))
     at_map = {name: v for name, v in at.items() if name in base_names or name.rsplit("_", 1)[0] in base_names}
@@ -318,15 +426,23 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
     noise: dict[str, Any] = {}
 
     def health(name: str) -> dict[str, float | None]:
-        return {"rhat": sampling.rhat.get(name), "ess_bulk": sampling.ess_bulk.get(name),
-                "ess_tail": sampling.ess_tail.get(name)}
+        return {
+            "rhat": sampling.rhat.get(name),
+            "ess_bulk": sampling.ess_bulk.get(name),
+            "ess_tail": sampling.ess_tail.get(name),
+        }
 
     for name in at_map:
         v = quantities[name]
         base = name if name in units else name.rsplit("_", 1)[0]
         positive = bool(np.all(v > 0) and np.all(prior[base] > 0))
-        parameters[name] = {**_statistics(v), "unit": units[base], "map": float(at_map[name][0]), **health(name),
-                            "contraction": _contraction(v, prior[base], positive)}
+        parameters[name] = {
+            **_statistics(v),
+            "unit": units[base],
+            "map": float(at_map[name][0]),
+            **health(name),
+            "contraction": _contraction(v, prior[base], positive),
+        }
     for name, v in quantities.items():
         if name in at_map:
             continue
@@ -342,31 +458,66 @@ def _summary(model: Model, campaign: Campaign, posterior: Posterior, found: MapR
         name = _gain_name(posterior, group.channel, group.specimen)
         if group.gain_sd > 0:
             noise[name]["contraction"] = float(1 - np.var(quantities[name]) / group.gain_sd**2)
-    same = maxwell_form(model, {k: np.array([v["map"]]) for k, v in parameters.items()} | {
-        k: np.array([v]) for k, v in model.priors.fixed.items()})
+    same = maxwell_form(
+        model,
+        {k: np.array([v["map"]]) for k, v in parameters.items()}
+        | {k: np.array([v]) for k, v in model.priors.fixed.items()},
+    )
     return {
         "model": model.name,
         "campaign": campaign.name,
         "parameters": parameters,
         "noise": noise,
-        "sampler": {"walkers": int(sampling.chains.shape[2]), "ensembles": int(sampling.chains.shape[0]),
-                    "steps": sampling.steps, "tau": _largest(sampling.tau), "acceptance": float(np.mean(sampling.acceptance)),
-                    "converged": sampling.converged, "reason": sampling.reason, "burn_in": sampling.burn_in,
-                    "rhat_max": _largest(np.array(list(sampling.rhat.values()))), "evaluations": sampling.evaluations},
-        "search": {"swarms": found.swarms, "agree": found.agree, "evaluations": found.evaluations,
-                   "converged": found.converged},
-        "recordings": [{
-            "recording": p.name, "role": p.role, "channel": p.channel, "n": p.n, **_rmse(p), "rmse_raw": p.rmse_raw, "noise_floor": p.noise_floor, "r2": p.r2,
-            "chi2_reduced": p.chi2_reduced, "coverage_50": p.coverage_50, "coverage_90": p.coverage_90,
-            "pit_p_value": p.pit_p_value, "elpd": p.elpd, "pareto_k": p.pareto_k} for p in predictions],
+        "sampler": {
+            "walkers": int(sampling.chains.shape[2]),
+            "ensembles": int(sampling.chains.shape[0]),
+            "steps": sampling.steps,
+            "tau": _largest(sampling.tau),
+            "acceptance": float(np.mean(sampling.acceptance)),
+            "converged": sampling.converged,
+            "reason": sampling.reason,
+            "burn_in": sampling.burn_in,
+            "rhat_max": _largest(np.array(list(sampling.rhat.values()))),
+            "evaluations": sampling.evaluations,
+        },
+        "search": {
+            "swarms": found.swarms,
+            "agree": found.agree,
+            "evaluations": found.evaluations,
+            "converged": found.converged,
+        },
+        "recordings": [
+            {
+                "recording": p.name,
+                "role": p.role,
+                "channel": p.channel,
+                "n": p.n,
+                **_rmse(p),
+                "rmse_raw": p.rmse_raw,
+                "noise_floor": p.noise_floor,
+                "r2": p.r2,
+                "chi2_reduced": p.chi2_reduced,
+                "coverage_50": p.coverage_50,
+                "coverage_90": p.coverage_90,
+                "pit_p_value": p.pit_p_value,
+                "elpd": p.elpd,
+                "pareto_k": p.pareto_k,
+            }
+            for p in predictions
+        ],
         "map_log_posterior": found.log_posterior,
         "log_evidence": log_evidence,
         "log_evidence_se": se,
-        "same_function": None if same is None else {
+        "same_function": None
+        if same is None
+        else {
             "form": "generalised Kelvin-Voigt" if model.spec.network == "gm" else "generalised Maxwell",
-            "parameters": {k: float(v[0]) for k, v in same.items()}},
-        "priors": {p.name: {"prior": str(p.prior), "unit": p.unit, "source": p.source, "label": p.label}
-                   for p in model.parameters},
+            "parameters": {k: float(v[0]) for k, v in same.items()},
+        },
+        "priors": {
+            p.name: {"prior": str(p.prior), "unit": p.unit, "source": p.source, "label": p.label}
+            for p in model.parameters
+        },
         "conventions": dict(campaign.conventions),
         "seconds": clock.total,
         "seconds_by": dict(clock.by),
@@ -389,20 +540,35 @@ def _largest(values: NDArray) -> float | None:
     return float(good.max()) if good.size else None
 
 
-def _notes(model: Model, found: MapResult, sampling: EnsembleResult, quantities: Mapping[str, NDArray],
-           prior: Mapping[str, NDArray], predictions: list[Prediction]) -> list[str]:
+def _notes(
+    model: Model,
+    found: MapResult,
+    sampling: EnsembleResult,
+    quantities: Mapping[str, NDArray],
+    prior: Mapping[str, NDArray],
+    predictions: list[Prediction],
+) -> list[str]:
     out = []
     if not sampling.converged:
-        out.append(f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it longer "
-                   "(--max-steps) or ask less of the recordings (fewer elements).")
+        out.append(
+            f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it "
+            "longer (--max-steps) or ask less of the recordings (fewer elements)."
+        )
     if found.agree < found.swarms:
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")
     for name in model.reported(model.prior_draws(1, np.random.default_rng(0))):
-        c = _contraction(quantities[name], prior[name], bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0)))
+        positive = bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0))
+        c = _contraction(quantities[name], prior[name], positive)
         if c < 0.2:
-            out.append(f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is the prior's.")
+            out.append(
+                f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is the "
+                "prior's."
+            )
     for p in predictions:
         if p.chi2_reduced > 1.5 and p.rmse > 0:
-            out.append(f"{p.name}: the model misses it by {p.rmse:.3g} {'m' if p.channel == 'displacement' else 'N'} RMS where "
-                       f"the noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out.")
+            unit = "m" if p.channel == "displacement" else "N"
+            out.append(
+                f"{p.name}: the model misses it by {p.rmse:.3g} {unit} RMS where the "
+                f"noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."
+            )
     return out

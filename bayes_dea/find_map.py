@@ -94,8 +94,9 @@ class _Projection:
     def _objective(self, a: NDArray, H: NDArray, g: NDArray, yy: float) -> NDArray:
         e = np.exp(np.clip(a, -300, 300))
         quadratic = np.einsum("bp,bps,bs->b", e, H, e, optimize=True)
-        return (-0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + quadratic)
-                - 0.5 * np.sum(((a - self.mean) / self.sd)**2, axis=1))
+        return -0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + quadratic) - 0.5 * np.sum(
+            ((a - self.mean) / self.sd) ** 2, axis=1
+        )
 
 
 class _Times:
@@ -114,14 +115,21 @@ class _Times:
         return -np.sort(-out, axis=1) - 1e-3 * np.arange(m)
 
     def log_prior(self, log_times: NDArray) -> NDArray:
-        return -0.5 * np.sum(((log_times - self.mean) / self.sd)**2, axis=1)
+        return -0.5 * np.sum(((log_times - self.mean) / self.sd) ** 2, axis=1)
 
 
 class VoltageSearch(_Projection):
     """Time constants of a linear model on voltage recordings; compliances projected out against the Gram sums."""
 
-    def __init__(self, model: Model, groups: list[LinearGroup], sigma: float, rho: NDArray, rng: np.random.Generator,
-                 draws: int = 4000):
+    def __init__(
+        self,
+        model: Model,
+        groups: list[LinearGroup],
+        sigma: float,
+        rho: NDArray,
+        rng: np.random.Generator,
+        draws: int = 4000,
+    ):
         z = model.prior_draws(draws, rng)
         self.model, self.basis_group = model, groups[0]
         self.M = np.sum([g.projected(sigma, rho) for g in groups], axis=0)
@@ -160,8 +168,16 @@ class MechanicalSearch(_Projection):
     may have parted. A GKV is searched as the GM that is the same function.
     """
 
-    def __init__(self, model: Model, groups: list[BlockGroup], zeros: list[tuple[str, float, float]], sigma: float,
-                 rho: float, rng: np.random.Generator, draws: int = 4000):
+    def __init__(
+        self,
+        model: Model,
+        groups: list[BlockGroup],
+        zeros: list[tuple[str, float, float]],
+        sigma: float,
+        rho: float,
+        rng: np.random.Generator,
+        draws: int = 4000,
+    ):
         self.model, self.groups, self.zeros = model, groups, zeros
         values = model.physical(model.prior_draws(draws, rng))
         n = model.spec.elements
@@ -177,8 +193,10 @@ class MechanicalSearch(_Projection):
 
     def positions(self, cube: NDArray) -> dict[str, NDArray]:
         """Zeros of position (B,) by recording."""
-        return {name: mean + sd * ndtri(np.clip(cube[:, self.elements + i], 1e-4, 1 - 1e-4))
-                for i, (name, mean, sd) in enumerate(self.zeros)}
+        return {
+            name: mean + sd * ndtri(np.clip(cube[:, self.elements + i], 1e-4, 1 - 1e-4))
+            for i, (name, mean, sd) in enumerate(self.zeros)
+        }
 
     def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
         """See `_Projection`."""
@@ -189,26 +207,35 @@ class MechanicalSearch(_Projection):
         # p unit networks for each particle, one after the other
         tau = np.repeat(np.exp(log_tau), p, axis=0)
         unit = np.tile(np.eye(p), (B, 1))
-        material = Material(0, np.ascontiguousarray(unit[:, :1]), GKM if self.damped else GM,
-                            np.ascontiguousarray(unit[:, 1:1 + n]), np.ascontiguousarray(tau),
-                            np.ascontiguousarray(unit[:, 1 + n]) if self.damped else np.zeros(B * p))
+        material = Material(
+            0,
+            np.ascontiguousarray(unit[:, :1]),
+            GKM if self.damped else GM,
+            np.ascontiguousarray(unit[:, 1 : 1 + n]),
+            np.ascontiguousarray(tau),
+            np.ascontiguousarray(unit[:, 1 + n]) if self.damped else np.zeros(B * p),
+        )
         for group in self.groups:
             for record in group.records:
                 name = record.prepared.name
                 if name not in zeros:
                     continue
-                X = forces(material, record.h, record.drive, np.repeat(zeros[name], p),
-                           record.prepared.recording.actuator, 0)[:, 1:].reshape(B, p, -1)
+                X = forces(
+                    material, record.h, record.drive, np.repeat(zeros[name], p), record.prepared.recording.actuator, 0
+                )[:, 1:].reshape(B, p, -1)
                 touching = np.abs(record.y) > 0.02 * np.abs(record.y).max()
                 w = np.where(touching, self.weight * record.blocks.count, 0.0)
                 total = w.sum() + record.precision[0]
                 ones_x, ones_y = X @ w, float(w @ record.y)
-                H += np.einsum("bpk,k,bsk->bps", X, w, X, optimize=True) - ones_x[:, :, None] * ones_x[:, None, :] / total
+                H += (
+                    np.einsum("bpk,k,bsk->bps", X, w, X, optimize=True)
+                    - ones_x[:, :, None] * ones_x[:, None, :] / total
+                )
                 g += X @ (w * record.y) - ones_x * ones_y / total
                 yy += float(w @ record.y**2) - ones_y**2 / total
         log_prior = self.times.log_prior(log_tau) if self.times else np.zeros(B)
         for name, mean, sd in self.zeros:
-            log_prior = log_prior - 0.5 * ((zeros[name] - mean) / sd)**2
+            log_prior = log_prior - 0.5 * ((zeros[name] - mean) / sd) ** 2
         return H, g, yy, log_prior
 
     def coordinates(self, cube: NDArray) -> NDArray:
@@ -222,16 +249,24 @@ class MechanicalSearch(_Projection):
         if self.model.spec.network == "gkv":
             k = np.stack([values[f"k_{i}_Pa"] for i in range(1, n + 1)], axis=1)
             D, c, T = maxwell_to_modes(np.ascontiguousarray(values["Y_Pa"]), k, tau, np.zeros(len(a)))
-            values = {"Y_Pa": 1 / D} | {f"k_{i + 1}_Pa": 1 / c[:, i] for i in range(n)} | {
-                f"tau_{i + 1}_s": T[:, i] for i in range(n)}
+            values = (
+                {"Y_Pa": 1 / D}
+                | {f"k_{i + 1}_Pa": 1 / c[:, i] for i in range(n)}
+                | {f"tau_{i + 1}_s": T[:, i] for i in range(n)}
+            )
         z = self.model.from_prior_coordinates(self.model.priors.to_coordinates(values))
         zeros = self.positions(cube)
         return np.concatenate([z, *(zeros[name][:, None] for name, _, _ in self.zeros)], axis=1)
 
 
-def find_map(posterior: Posterior, search_model: Model, linear_groups: list[LinearGroup], rng: np.random.Generator,
-             settings: MapSettings | None = None,
-             refresh: Callable[[Posterior, NDArray], Posterior] | None = None) -> tuple[MapResult, Posterior]:
+def find_map(
+    posterior: Posterior,
+    search_model: Model,
+    linear_groups: list[LinearGroup],
+    rng: np.random.Generator,
+    settings: MapSettings | None = None,
+    refresh: Callable[[Posterior, NDArray], Posterior] | None = None,
+) -> tuple[MapResult, Posterior]:
     """Maximum of the posterior and the posterior itself, with its block reference at that maximum.
 
     search_model: the linear model whose time constants the swarm searches (the model itself, or its linearisation).
@@ -259,8 +294,11 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
             continue
         if not np.isfinite(posterior.log_prob(start[None])[0]):
             ends.append(np.full_like(start, np.inf))
-            found.append(NewtonPolish(start, -np.inf, np.zeros((start.size,) * 2), np.zeros(start.size, bool), np.inf,
-                                      False, 0, 1))
+            found.append(
+                NewtonPolish(
+                    start, -np.inf, np.zeros((start.size,) * 2), np.zeros(start.size, bool), np.inf, False, 0, 1
+                )
+            )
             continue
         ends.append(start)
         found.append(polish_newton(posterior.log_prob, start, settings=newton))
@@ -270,8 +308,13 @@ def find_map(posterior: Posterior, search_model: Model, linear_groups: list[Line
         for _ in range(2):
             posterior = refresh(posterior, best.x)
             best = polish_newton(posterior.log_prob, best.x, settings=newton)
-        agree = sum(bool(np.linalg.norm((f.x - best.x) / posterior_scale(posterior)) < 0.05 or f.value >= best.value - s.agreement)
-                    for f in found)
+        agree = sum(
+            bool(
+                np.linalg.norm((f.x - best.x) / posterior_scale(posterior)) < 0.05
+                or f.value >= best.value - s.agreement
+            )
+            for f in found
+        )
     else:
         agree = sum(f.value >= best.value - s.agreement for f in found)
     evaluations += sum(f.evaluations for f in {id(f): f for f in found}.values())
@@ -289,22 +332,32 @@ def posterior_scale(posterior: Posterior) -> NDArray:
     return scale
 
 
-def _run_swarms(search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings
-                ) -> tuple[NDArray, int]:
+def _run_swarms(
+    search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings
+) -> tuple[NDArray, int]:
     """Coordinates (swarms, .) where the swarms ended, best first."""
-    result = multi_swarm(lambda cube: -search.solve(cube)[1], np.zeros(search.dimension), np.ones(search.dimension),
-                         s.swarm, rng, swarms=s.swarms, tolerance=s.agreement)
+    result = multi_swarm(
+        lambda cube: -search.solve(cube)[1],
+        np.zeros(search.dimension),
+        np.ones(search.dimension),
+        s.swarm,
+        rng,
+        swarms=s.swarms,
+        tolerance=s.agreement,
+    )
     return search.coordinates(np.array(result.points)[np.argsort(result.values)]), search.evaluations
 
 
-def _voltage_starts(posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator,
-                    s: MapSettings) -> tuple[list[NDArray], int]:
+def _voltage_starts(
+    posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator, s: MapSettings
+) -> tuple[list[NDArray], int]:
     channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
     search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
     z, evaluations = _run_swarms(search, rng, s)
     tail = posterior.noise_guess()
-    return [_place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail]))
-            for row in z], evaluations
+    return [
+        _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail])) for row in z
+    ], evaluations
 
 
 def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
@@ -322,16 +375,23 @@ def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
     return start
 
 
-def _mechanical_starts(posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings
-                       ) -> tuple[list[NDArray], int]:
+def _mechanical_starts(
+    posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings
+) -> tuple[list[NDArray], int]:
     channel = next(c for c in posterior.channels if c.channel == "force")
     groups = [g for g in posterior.groups if isinstance(g, BlockGroup) and g.channel == "force"]
     zeros = [(z.recording, z.mean, z.sd) for z in posterior.zeros]
-    search = MechanicalSearch(search_model, groups, zeros, max(channel.sigma_guess, channel.sigma_median),
-                              float(np.clip(channel.rho_guess[0], 0.0, 0.99)), rng)
+    search = MechanicalSearch(
+        search_model,
+        groups,
+        zeros,
+        max(channel.sigma_guess, channel.sigma_median),
+        float(np.clip(channel.rho_guess[0], 0.0, 0.99)),
+        rng,
+    )
     rows, evaluations = _run_swarms(search, rng, s)
     d = search_model.dimension
-    noise = posterior.noise_guess()[len(zeros):]
+    noise = posterior.noise_guess()[len(zeros) :]
     return [np.concatenate([_own(posterior, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
 
 
@@ -350,7 +410,7 @@ def _own(posterior: Posterior, search_model: Model, z: NDArray) -> NDArray:
 
 
 def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
-    """Start of a nonlinear law from its linearisation: network coordinates carried over, shape at the prior's centre."""
+    """Start of a nonlinear law from its linearisation: network kept, shape at the prior's centre."""
     model = replace(model, plain=False)
     center = model.prior_draws(2000, np.random.default_rng(0)).mean(axis=0)
     for i, name in enumerate(model.coordinate_names):
@@ -384,8 +444,9 @@ def _box_starts(posterior: Posterior, rng: np.random.Generator, s: MapSettings) 
     dimension = d + n_zero
     swarm = SwarmSettings(particles=max(30, 4 * dimension), max_iterations=150, stall_iterations=15, tolerance=0.5)
     swarms = min(s.swarms, 4)
-    result = multi_swarm(objective, np.zeros(dimension), np.ones(dimension), swarm, rng, swarms=swarms,
-                         tolerance=s.agreement)
+    result = multi_swarm(
+        objective, np.zeros(dimension), np.ones(dimension), swarm, rng, swarms=swarms, tolerance=s.agreement
+    )
     order = np.argsort(result.values)
     return list(points(np.array(result.points)[order])), count
 

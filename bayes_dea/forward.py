@@ -18,8 +18,13 @@ from .noise.edges import input_noise
 POSITION_BLOCKS = BlockSettings(input_share=0.001)
 
 
-def simulate(model: Model, values: dict[str, float], recording: Recording, zero_m: float | None = None,
-             previous: Recording | None = None) -> NDArray[np.float64]:
+def simulate(
+    model: Model,
+    values: dict[str, float],
+    recording: Recording,
+    zero_m: float | None = None,
+    previous: Recording | None = None,
+) -> NDArray[np.float64]:
     """Noise-free output (n,) of a recording in its unit (m or N), without sensor gain and offset.
 
     values: physical parameters by name (SI); constants may be left out. zero_m: position of contact of a
@@ -51,8 +56,14 @@ def simulate(model: Model, values: dict[str, float], recording: Recording, zero_
         zero = float(position[0]) if zero_m is None else zero_m
         force = recording.columns["force_N"]
         contact = 1 if abs(np.nanquantile(force, 0.999)) >= abs(np.nanquantile(force, 0.001)) else -1
-        return forces(materials_of(model, batch), np.diff(recording.time_s), position, np.array([zero]),
-                      recording.actuator, contact)[0]
+        return forces(
+            materials_of(model, batch),
+            np.diff(recording.time_s),
+            position,
+            np.array([zero]),
+            recording.actuator,
+            contact,
+        )[0]
     raise InputError(f"{recording.name}: kind '{recording.kind}' cannot be simulated by {model.name}")
 
 

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from .assemble import Assembled
 from .campaign.schema import Recording
 from .checks import metrics
+from .forward import simulate
 from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
@@ -24,7 +25,6 @@ from .likelihood.prepare import Prepared
 from .models.chain import materials
 from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
-from .forward import simulate
 
 
 @dataclass(frozen=True)
@@ -73,28 +73,49 @@ def conditional_gain(posterior: Posterior, q: NDArray) -> dict[tuple[str, str], 
     return out
 
 
-def subset_terms(posterior: Posterior, group: LinearGroup | BlockGroup, q: NDArray, names: list[str],
-                 zeros: dict[str, NDArray] | None = None) -> NDArray:
+def subset_terms(
+    posterior: Posterior,
+    group: LinearGroup | BlockGroup,
+    q: NDArray,
+    names: list[str],
+    zeros: dict[str, NDArray] | None = None,
+) -> NDArray:
     """(B, 4) of the group's likelihood restricted to some of its recordings."""
     sigma, rho = posterior.noise_part(q, group.channel)
     if not names:
         return np.zeros((len(q), 4))
     if isinstance(group, LinearGroup):
-        return group.evaluate(group.subset(names), group.vectors(posterior.model, posterior.model_part(q, group.specimen)),
-                              sigma, rho)
-    return group.evaluate(posterior.model, posterior.model_part(q, group.specimen), {**posterior.zeros_part(q), **(zeros or {})},
-                          sigma, rho, names)
+        return group.evaluate(
+            group.subset(names), group.vectors(posterior.model, posterior.model_part(q, group.specimen)), sigma, rho
+        )
+    return group.evaluate(
+        posterior.model,
+        posterior.model_part(q, group.specimen),
+        {**posterior.zeros_part(q), **(zeros or {})},
+        sigma,
+        rho,
+        names,
+    )
 
 
-def predict_all(assembled: Assembled, posterior: Posterior, draws: NDArray, rng: np.random.Generator, keep: int = 200,
-                workers: int = 1, report: Callable[[int, int, str], None] | None = None) -> list[Prediction]:
+def predict_all(
+    assembled: Assembled,
+    posterior: Posterior,
+    draws: NDArray,
+    rng: np.random.Generator,
+    keep: int = 200,
+    workers: int = 1,
+    report: Callable[[int, int, str], None] | None = None,
+) -> list[Prediction]:
     """Predictions of every recording from posterior draws (S_all, d), in the campaign's order."""
     from concurrent.futures import ThreadPoolExecutor
 
     chosen = draws[np.linspace(0, len(draws) - 1, min(keep, len(draws))).astype(int)]
     by_name = {p.name: (group, p) for group in posterior.groups for p in (*group.fitted, *group.others)}
-    jobs = [(p, by_name[p.name][0], child) for p, child in zip(assembled.prepared, rng.spawn(len(assembled.prepared)),
-                                                               strict=True)]
+    jobs = [
+        (p, by_name[p.name][0], child)
+        for p, child in zip(assembled.prepared, rng.spawn(len(assembled.prepared)), strict=True)
+    ]
     done = 0
 
     def run(job: tuple) -> Prediction:
@@ -110,8 +131,15 @@ def predict_all(assembled: Assembled, posterior: Posterior, draws: NDArray, rng:
         return list(pool.map(run, jobs))
 
 
-def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup | BlockGroup, p: Prepared,
-                 draws: NDArray, chosen: NDArray, rng: np.random.Generator) -> Prediction:
+def _predict_one(
+    assembled: Assembled,
+    posterior: Posterior,
+    group: LinearGroup | BlockGroup,
+    p: Prepared,
+    draws: NDArray,
+    chosen: NDArray,
+    rng: np.random.Generator,
+) -> Prediction:
     fitted = [f.name for f in group.fitted]
     zeros: dict[str, NDArray] = {}
     if p.recording.is_mechanical and p.name not in fitted:
@@ -126,7 +154,7 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
         top = log_likelihood.max()
         elpd, k = float(top + np.log(np.mean(np.exp(log_likelihood - top)))), None
     names = fitted if p.name in fitted else [*fitted, p.name]
-    chosen_zeros = {p.name: np.full(len(chosen), v[0]) for v in zeros.values()}
+    chosen_zeros = {name: np.full(len(chosen), v[0]) for name, v in zeros.items()}
     terms = subset_terms(posterior, group, chosen, names, chosen_zeros)
     sigma, rho = posterior.noise_part(chosen, group.channel)
     own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
@@ -138,15 +166,24 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
         blocks = group.record(p.name).blocks
     rate = _rate_of(posterior, group.channel, p)
     noise2 = sigma**2 + group.quantisation_variance
-    prior = 1.0 / nuisance_sd(p, assembled.terms[p.name])**2
+    prior = 1.0 / nuisance_sd(p, assembled.terms[p.name]) ** 2
     # one simulation at full rate, at the centre of the draws; what the draws add to it is smooth and taken per block
-    centre = {k: float(v[0]) for k, v in posterior.model.physical(
-        posterior.model_part(chosen.mean(axis=0)[None], group.specimen)).items()}
-    x = simulate(posterior.model, centre, r, None if own_zero is None else float(own_zero.mean()), _before(assembled, p))
+    centre = {
+        k: float(v[0])
+        for k, v in posterior.model.physical(posterior.model_part(chosen.mean(axis=0)[None], group.specimen)).items()
+    }
+    x = simulate(
+        posterior.model, centre, r, None if own_zero is None else float(own_zero.mean()), _before(assembled, p)
+    )
     if isinstance(group, LinearGroup):
-        X = group.vectors(posterior.model, posterior.model_part(chosen, group.specimen)) @ group.block_responses(p, blocks, masked).T
+        X = (
+            group.vectors(posterior.model, posterior.model_part(chosen, group.specimen))
+            @ group.block_responses(p, blocks, masked).T
+        )
     else:
-        X = group.simulate(group.record(p.name), materials(posterior.model, posterior.model_part(chosen, group.specimen)), own_zero)
+        X = group.simulate(
+            group.record(p.name), materials(posterior.model, posterior.model_part(chosen, group.specimen)), own_zero
+        )
     gain = float(terms[:, 1].mean())
     noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
     N = p.nuisance()
@@ -179,15 +216,35 @@ def _predict_one(assembled: Assembled, posterior: Posterior, group: LinearGroup 
     step = p.sensor.resolution or 0.0
     uniform = metrics.pit(y + step * (rng.random(y.size) - 0.5), mean, sd)
     return Prediction(
-        p.name, r.role, p.channel, p.n, metrics.rmse(residual), metrics.rmse(np.where(p.observed, raw_residual, np.nan)), metrics.r2(y, mean),
-        metrics.reduced_chi2(residual, floor), metrics.coverage(y, mean, sd, 0.5), metrics.coverage(y, mean, sd, 0.9),
-        float(metrics.pit_uniformity(uniform).p_value), floor, elpd, k, blocks.time_s,
+        p.name,
+        r.role,
+        p.channel,
+        p.n,
+        metrics.rmse(residual),
+        metrics.rmse(np.where(p.observed, raw_residual, np.nan)),
+        metrics.r2(y, mean),
+        metrics.reduced_chi2(residual, floor),
+        metrics.coverage(y, mean, sd, 0.5),
+        metrics.coverage(y, mean, sd, 0.9),
+        float(metrics.pit_uniformity(uniform).p_value),
+        floor,
+        elpd,
+        k,
+        blocks.time_s,
         block_means(np.nan_to_num(r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks),
-        y_blocks, blocks.count, f.mean(axis=0), np.sqrt(parameter_var), np.sqrt(parameter_var + noise_sd**2),
-        np.sqrt(parameter_var + block_var), replicated, log_likelihood,
+        y_blocks,
+        blocks.count,
+        f.mean(axis=0),
+        np.sqrt(parameter_var),
+        np.sqrt(parameter_var + noise_sd**2),
+        np.sqrt(parameter_var + block_var),
+        replicated,
+        log_likelihood,
         _binned(metrics.residuals_by_time(residual, sd, r.time_s)),
         _binned(metrics.residuals_by_voltage(residual, sd, r.columns["voltage_V" if r.is_voltage else "position_m"])),
-        _spectrum(residual, r.time_s), np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist())
+        _spectrum(residual, r.time_s),
+        np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist(),
+    )
 
 
 def _rate_of(posterior: Posterior, channel: str, p: Prepared) -> int:
@@ -206,8 +263,9 @@ def _before(assembled: Assembled, p: Prepared) -> Recording | None:
     return before
 
 
-def _nuisance_given(residual: NDArray, N: NDArray, precision: NDArray, observed: NDArray, sd: float, rho: float
-                    ) -> tuple[NDArray, float]:
+def _nuisance_given(
+    residual: NDArray, N: NDArray, precision: NDArray, observed: NDArray, sd: float, rho: float
+) -> tuple[NDArray, float]:
     """Posterior mean (m,) of what a recording adds, and the variance it leaves at a sample, for AR(1) noise.
 
     The correlation acts through the variance inflation of slow components, (1 + rho)/(1 - rho).
@@ -257,8 +315,9 @@ def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDA
     from scipy.optimize import minimize_scalar
 
     center = draws.mean(axis=0)[None]
-    values = {k: float(v[0]) for k, v in posterior.model.physical(
-        posterior.model_part(center, p.recording.specimen)).items()}
+    values = {
+        k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(center, p.recording.specimen)).items()
+    }
     height = p.recording.actuator.stack_height_m or 1.0
     start = float(p.recording.columns["position_m"][0])
     good = p.observed
@@ -269,6 +328,7 @@ def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDA
 
     grid = start + np.linspace(-0.08, 0.08, 17) * height
     best = grid[int(np.argmin([misfit(z) for z in grid]))]
-    fine = minimize_scalar(misfit, bounds=(best - 0.012 * height, best + 0.012 * height), method="bounded",
-                           options={"xatol": 1e-8})
+    fine = minimize_scalar(
+        misfit, bounds=(best - 0.012 * height, best + 0.012 * height), method="bounded", options={"xatol": 1e-8}
+    )
     return np.full(len(draws), float(fine.x))

@@ -189,9 +189,11 @@ class PriorSet:
         """One order group; its fixed members cut it into runs of free ones between bounds."""
         logs = {p.prior.is_log for p in members if not p.fixed}
         if len(logs) > 1:
-            raise InputError(f"priors of {', '.join(p.name for p in members)}: they are kept in order, so either "
-                             "all are lognormal or loguniform or none is; write loguniform for uniform, lognormal "
-                             "for normal")
+            raise InputError(
+                f"priors of {', '.join(p.name for p in members)}: they are kept in order, so either "
+                "all are lognormal or loguniform or none is; write loguniform for uniform, lognormal "
+                "for normal"
+            )
         high = np.inf
         run: list[Parameter] = []
         for p in [*members, None]:
@@ -203,8 +205,9 @@ class PriorSet:
             else:
                 low = math.log(p.prior.a) if True in logs else p.prior.a
                 if low >= high:
-                    raise InputError(f"{p.name} = {p.prior.a:g} breaks the order of "
-                                     f"{', '.join(q.name for q in members)}")
+                    raise InputError(
+                        f"{p.name} = {p.prior.a:g} breaks the order of {', '.join(q.name for q in members)}"
+                    )
             if run and (len(run) > 1 or low > -np.inf or high < np.inf):
                 i = np.array([index[q.name] for q in run])
                 self._groups.append((i, _OrderGroup([q.prior for q in run], low, high, [q.name for q in run])))
@@ -223,7 +226,8 @@ class PriorSet:
     def logpdf(self, z: NDArray) -> NDArray:
         """Log prior density of coordinates `z` (n, d) -> (n,); -inf where the order is broken, nan stays nan."""
         out = np.empty(len(z))
-        _joint_logpdf(np.ascontiguousarray(z), *self._table, out)
+        family, a, b, reference, plain, shift, before, bounds, constant = self._table
+        _joint_logpdf(np.ascontiguousarray(z), family, a, b, reference, plain, shift, before, bounds, constant, out)
         return out
 
     def logpdf_own(self, z: NDArray, own: Sequence[int]) -> NDArray:
@@ -255,8 +259,17 @@ class PriorSet:
             shift.append(constant if p.prior.family == "lognormal" else 0.0)
         plain = [0 if self.free[r].prior.is_log else 1 if r >= 0 else 0 for r in reference]
         constant = -sum(g.log_mass for _, g in self._groups)
-        return (np.array(family), np.array(a, float), np.array(b, float), np.array(reference), np.array(plain),
-                np.array(shift, float), self._before, self._bounds, float(constant))
+        return (
+            np.array(family),
+            np.array(a, float),
+            np.array(b, float),
+            np.array(reference),
+            np.array(plain),
+            np.array(shift, float),
+            self._before,
+            self._bounds,
+            float(constant),
+        )
 
     def transform(self, q: NDArray) -> NDArray:
         """Unit cube (n, d) to coordinates (n, d): the inverse of the joint prior distribution."""
@@ -324,11 +337,9 @@ def _joint_logpdf(z, family, a, b, reference, plain, shift, before, bounds, cons
 class _OrderGroup:
     """high > x_1 > x_2 > ... > x_m > low with independent densities, cut to that order."""
 
-    def __init__(self, priors: Sequence[Prior], low: float, high: float, names: Sequence[str],
-                 points: int = 4001):
+    def __init__(self, priors: Sequence[Prior], low: float, high: float, names: Sequence[str], points: int = 4001):
         if any(p.relative_to for p in priors):
-            raise InputError("parameters that are kept in order cannot have priors relative to another "
-                             "parameter")
+            raise InputError("parameters that are kept in order cannot have priors relative to another parameter")
         ends = np.array([p.ppf(np.array([1e-9, 1 - 1e-9])) for p in priors])
         low, high = max(low, ends.min()), min(high, ends.max())
         # fine where any of the densities lives, however narrow it is beside the others
@@ -344,8 +355,10 @@ class _OrderGroup:
             tail = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * step)])
             self._cumulative.insert(0, tail)
         if not tail[-1] > 1e-6:
-            raise InputError(f"priors of {', '.join(names)}: they must fall in this order, and the priors put "
-                             "next to nothing there; change them or their order")
+            raise InputError(
+                f"priors of {', '.join(names)}: they must fall in this order, and the priors put "
+                "next to nothing there; change them or their order"
+            )
         self.log_mass = math.log(tail[-1])
 
     def transform(self, q: NDArray) -> NDArray:
@@ -365,6 +378,7 @@ def log_interval_mass(low: float, high: float) -> float:
 
 
 # ---------------------------------------------------------------- files and overrides
+
 
 def prior_folder() -> Path:
     """Where the prior files lie: beside the package in a checkout, under the environment's share/ when installed."""
@@ -388,7 +402,7 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
         if not isinstance(table.get(key), str):
             raise InputError(f"{where}: [parameters.{name}] lacks '{key}' (a text)")
     try:
-        prior = Prior(family, *numbers, relative_to=table.get("relative_to"))
+        prior = Prior(family, numbers[0], (numbers + [0.0])[1], table.get("relative_to"))
     except InputError as error:
         raise InputError(f"{where}: [parameters.{name}] {error}") from None
     return Parameter(name, table["unit"], prior, table.get("label", name), table["source"], table.get("ordered"))
@@ -408,7 +422,9 @@ def read_prior_file(path: Path) -> dict[str, Parameter]:
     return {name: parameter_from_table(name, entry, str(path)) for name, entry in table.items()}
 
 
-_OVERRIDE = re.compile(r"^\s*(?P<name>\w+)\s*=\s*(?:(?P<family>[a-z]+)\s*\((?P<numbers>[^)]*)\)|(?P<value>[^()\s]+))\s*$")
+_OVERRIDE = re.compile(
+    r"^\s*(?P<name>\w+)\s*=\s*(?:(?P<family>[a-z]+)\s*\((?P<numbers>[^)]*)\)|(?P<value>[^()\s]+))\s*$"
+)
 
 
 def parse_override(text: str) -> tuple[str, Prior]:
@@ -428,10 +444,12 @@ def parse_override(text: str) -> tuple[str, Prior]:
         raise InputError(f"prior '{text}': family '{family}' is unknown; one of {', '.join(FAMILIES)}")
     if len(numbers) != len(FAMILIES[family]):
         raise InputError(f"prior '{text}': {family} takes {' and '.join(FAMILIES[family])}")
-    return match["name"], Prior(family, *numbers)
+    return match["name"], Prior(family, numbers[0], (numbers + [0.0])[1])
 
 
-def apply_overrides(parameters: Sequence[Parameter], overrides: Mapping[str, Parameter | Prior]) -> tuple[Parameter, ...]:
+def apply_overrides(
+    parameters: Sequence[Parameter], overrides: Mapping[str, Parameter | Prior]
+) -> tuple[Parameter, ...]:
     """Parameters with the user's priors in place; a name that the model lacks is an InputError."""
     known = [p.name for p in parameters]
     for name in overrides:

@@ -51,9 +51,11 @@ def inference_data(calibration: Calibration) -> Any:
     az = arviz()
     chains, draws = calibration.draws.shape[:2]
     coordinates = {"chain": np.arange(chains), "draw": np.arange(draws)}
-    posterior = xr.Dataset({name: (("chain", "draw"), v) for name, v in calibration.quantities.items()}
-                           | {"coordinates": (("chain", "draw", "coordinate"), calibration.draws)},
-                           coords=coordinates | {"coordinate": list(calibration.posterior.names)})
+    posterior = xr.Dataset(
+        {name: (("chain", "draw"), v) for name, v in calibration.quantities.items()}
+        | {"coordinates": (("chain", "draw", "coordinate"), calibration.draws)},
+        coords=coordinates | {"coordinate": list(calibration.posterior.names)},
+    )
     lp = calibration.posterior.log_prob(calibration.draws.reshape(chains * draws, -1)).reshape(chains, draws)
     stats = xr.Dataset({"lp": (("chain", "draw"), lp)}, coords=coordinates)
     loglik = {}
@@ -63,7 +65,9 @@ def inference_data(calibration: Calibration) -> Any:
             dim = f"recording_{role}"
             loglik[role] = xr.DataArray(
                 np.stack([p.log_likelihood for p in members], axis=-1).reshape(chains, draws, len(members)),
-                dims=("chain", "draw", dim), coords=coordinates | {dim: [p.name for p in members]})
+                dims=("chain", "draw", dim),
+                coords=coordinates | {dim: [p.name for p in members]},
+            )
     names = variable_names([p.name for p in calibration.predictions])
     predictive, observed, constant = {}, {}, {}
     for p in calibration.predictions:
@@ -77,15 +81,28 @@ def inference_data(calibration: Calibration) -> Any:
             for key, values in table.items():
                 constant[f"{v}__{group}__{key}"] = ((f"{v}_{group}_{key}",), np.asarray(values, float))
         constant[f"{v}__pit_histogram"] = (("pit_bin",), np.asarray(p.histogram))
-    prior = xr.Dataset({name: (("chain", "draw"), np.asarray(v)[None]) for name, v in calibration.prior_quantities.items()})
-    prior_predictive = xr.Dataset({f"{variable_name(k)}_largest": (("chain", "draw"), v[None])
-                                   for k, v in calibration.prior_predictive.items()})
-    attributes = {"model": calibration.model.name, "seed": calibration.summary["seed"],
-                  "version": calibration.summary["version"], "converged": int(calibration.converged)}
-    data = az.InferenceData(posterior=posterior.assign_attrs(attributes), sample_stats=stats,
-                            log_likelihood=xr.Dataset(loglik), posterior_predictive=xr.Dataset(predictive),
-                            observed_data=xr.Dataset(observed), constant_data=xr.Dataset(constant), prior=prior,
-                            prior_predictive=prior_predictive)
+    prior = xr.Dataset(
+        {name: (("chain", "draw"), np.asarray(v)[None]) for name, v in calibration.prior_quantities.items()}
+    )
+    prior_predictive = xr.Dataset(
+        {f"{variable_name(k)}_largest": (("chain", "draw"), v[None]) for k, v in calibration.prior_predictive.items()}
+    )
+    attributes = {
+        "model": calibration.model.name,
+        "seed": calibration.summary["seed"],
+        "version": calibration.summary["version"],
+        "converged": int(calibration.converged),
+    }
+    data = az.InferenceData(
+        posterior=posterior.assign_attrs(attributes),
+        sample_stats=stats,
+        log_likelihood=xr.Dataset(loglik),
+        posterior_predictive=xr.Dataset(predictive),
+        observed_data=xr.Dataset(observed),
+        constant_data=xr.Dataset(constant),
+        prior=prior,
+        prior_predictive=prior_predictive,
+    )
     return data
 
 

@@ -44,7 +44,7 @@ class LagBasis:
 
 @nb.njit(cache=True)
 def coefficients(D, c, T, table, log_low, step, reference, out):
-    """Response vectors of modes: D (B,), c (B, m), T (B, m) into out (B, K + 1); the last column is the input itself."""
+    """Response vectors of modes: D (B,), c (B, m), T (B, m) into out (B, K + 1), the input last."""
     B, m = c.shape
     K = table.shape[1]
     rows = table.shape[0]
@@ -105,8 +105,10 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
     input within exp(-10); slower ones than the upper end are ramps to 0.1 %. Raises InputError when no drive acts.
     """
     if not any(np.any(d.stress) for d in drives):
-        raise InputError("the command is 0 V in every voltage recording: nothing in them says how the actuator answers; "
-                         "check the voltage_V columns")
+        raise InputError(
+            "the command is 0 V in every voltage recording: nothing in them says how the actuator answers; "
+            "check the voltage_V columns"
+        )
     shortest = min(float(d.dt[d.dt > 0].min()) for d in drives)
     reference = max(d.span for d in drives)
     low, high = math.log(0.1 * shortest), math.log(1e3 * reference)
@@ -129,15 +131,16 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
     P = np.zeros((K, n))
     P[:, keep] = np.eye(K)
     P[:, pivots[K:]] = solve_triangular(R[:K, :K], R[:K, K:])
-    rows = math.ceil(_TABLE_PER_EFOLD * (high - low)) + 4
-    step = (high - low) / (rows - 4)
-    grid = low - step + step * np.arange(rows)
+    size = math.ceil(_TABLE_PER_EFOLD * (high - low)) + 4
+    step = (high - low) / (size - 4)
+    grid = low - step + step * np.arange(size)
     table = _barycentric(nodes, np.clip(grid, low, high)) @ P.T
     # coefficients belong to f (1 + T_k/reference) of the chosen lags; the Gram holds the plain f
     table *= 1 + T[keep] / reference
     basis = LagBasis(np.ascontiguousarray(T[keep]), np.ascontiguousarray(table), low - step, step, reference, 0.0)
-    return LagBasis(basis.time_constants, basis.table, basis.log_low, basis.step, reference,
-                    _worst_error(basis, drives[0], rng))
+    return LagBasis(
+        basis.time_constants, basis.table, basis.log_low, basis.step, reference, _worst_error(basis, drives[0], rng)
+    )
 
 
 def _responses_at(drive: Drive, T: NDArray, rows: NDArray, chunk: int = 16384) -> NDArray:
@@ -178,6 +181,7 @@ def _worst_error(basis: LagBasis, drive: Drive, rng: np.random.Generator) -> flo
     exact = _responses_at(drive, T, rows)
     skeleton = _responses_at(drive, basis.time_constants, rows)
     w = np.empty((12, basis.size + 1))
-    coefficients(np.zeros(12), np.ones((12, 1)), T[:, None], basis.table, basis.log_low, basis.step,
-                 basis.reference_s, w)
+    coefficients(
+        np.zeros(12), np.ones((12, 1)), T[:, None], basis.table, basis.log_low, basis.step, basis.reference_s, w
+    )
     return float(np.abs(skeleton @ w[:, :-1].T - exact).max() / max(np.abs(drive.stress).max(), 1e-300))

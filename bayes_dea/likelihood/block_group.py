@@ -16,12 +16,12 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..forward import POSITION_BLOCKS
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.model import Model
 from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_blocks
 from ..noise.stated import NoiseTerms
-from ..forward import POSITION_BLOCKS
 from .linear_group import nuisance_sd
 from .prepare import Prepared, RateClasses
 
@@ -50,8 +50,9 @@ class BlockRecord:
         return self.prepared.recording.is_voltage
 
 
-def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0,
-                      settings: BlockSettings | None = None) -> BlockRecord:
+def make_block_record(
+    prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0, settings: BlockSettings | None = None
+) -> BlockRecord:
     """Cut one recording into blocks and intervals.
 
     input_variance: scatter of a measured input carried into the output, per sample: it acts on block means, while
@@ -80,8 +81,20 @@ def make_block_record(prepared: Prepared, terms: NoiseTerms, rate: int, input_va
         force = prepared.y[prepared.observed]
         contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
     columns = block_means(prepared.nuisance().T, blocks, masked)
-    return BlockRecord(prepared, blocks, block_means(y, blocks, masked), columns,
-                       1.0 / nuisance_sd(prepared, terms)**2, rate, h, np.ascontiguousarray(values), place, share, contact, input_variance)
+    return BlockRecord(
+        prepared,
+        blocks,
+        block_means(y, blocks, masked),
+        columns,
+        1.0 / nuisance_sd(prepared, terms) ** 2,
+        rate,
+        h,
+        np.ascontiguousarray(values),
+        place,
+        share,
+        contact,
+        input_variance,
+    )
 
 
 def _intervals(dt: NDArray, stress: NDArray, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
@@ -222,8 +235,16 @@ class BlockGroup:
         assert zero is not None
         return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, 1:]
 
-    def evaluate(self, model: Model, z: NDArray, zeros: Mapping[str, NDArray], sigma: NDArray, rho: NDArray,
-                 names: Sequence[str] | None = None, gain_sd: float | None = None) -> NDArray[np.float64]:
+    def evaluate(
+        self,
+        model: Model,
+        z: NDArray,
+        zeros: Mapping[str, NDArray],
+        sigma: NDArray,
+        rho: NDArray,
+        names: Sequence[str] | None = None,
+        gain_sd: float | None = None,
+    ) -> NDArray[np.float64]:
         """(B, 4): log likelihood, mean and variance of the gain, x'S^-1 x; by default of the fitted recordings."""
         names = [p.name for p in self.fitted] if names is None else names
         gain_sd = self.gain_sd if gain_sd is None else gain_sd
@@ -237,13 +258,31 @@ class BlockGroup:
             X = self.simulate(record, material, zeros.get(name))
             out = np.empty((B, 4))
             r = np.ascontiguousarray(rho[:, record.rate])
-            _project(X, record.y, record.nuisance, record.precision, record.blocks.count, record.blocks.gap, sigma, r,
-                     self.quantisation_variance + record.input_variance, out)
+            _project(
+                X,
+                record.y,
+                record.nuisance,
+                record.precision,
+                record.blocks.count,
+                record.blocks.gap,
+                sigma,
+                r,
+                self.quantisation_variance + record.input_variance,
+                out,
+            )
             sums += out
             if record.within is not None:
                 within = np.empty(B)
-                _within_terms(record.within[:6], record.within[6:], record.blocks.count, record.blocks.gap, sigma, r,
-                              self.quantisation_variance, within)
+                _within_terms(
+                    record.within[:6],
+                    record.within[6:],
+                    record.blocks.count,
+                    record.blocks.gap,
+                    sigma,
+                    r,
+                    self.quantisation_variance,
+                    within,
+                )
                 extra += within
         xx, xy, yy, logdet = sums.T
         dd, xd = yy - 2 * xy + xx, xy - xx
@@ -273,15 +312,29 @@ class BlockGroup:
         return replace(self, records=tuple(records))
 
 
-def build_block_groups(prepared: Sequence[Prepared], terms: Mapping[str, NoiseTerms], rates: RateClasses,
-                       channel: str, input_variance: Mapping[str, float] | None = None,
-                       settings: BlockSettings | None = None) -> list[BlockGroup]:
+def build_block_groups(
+    prepared: Sequence[Prepared],
+    terms: Mapping[str, NoiseTerms],
+    rates: RateClasses,
+    channel: str,
+    input_variance: Mapping[str, float] | None = None,
+    settings: BlockSettings | None = None,
+) -> list[BlockGroup]:
     """One group per specimen. input_variance: see `make_block_record`, by recording name."""
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]
-        records = tuple(make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0), settings)
-                        for p in members)
-        groups.append(BlockGroup(channel, specimen, records, max(terms[p.name].gain_sd for p in members),
-                                 terms[members[0].name].quantisation_variance))
+        records = tuple(
+            make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0), settings)
+            for p in members
+        )
+        groups.append(
+            BlockGroup(
+                channel,
+                specimen,
+                records,
+                max(terms[p.name].gain_sd for p in members),
+                terms[members[0].name].quantisation_variance,
+            )
+        )
     return groups

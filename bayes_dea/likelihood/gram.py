@@ -31,7 +31,7 @@ _MAX_CLASSES = 16
 
 @dataclass(frozen=True)
 class LinearRecord:
-    """One recording as the Gram needs it. y (n,) scaled data; observed (n,) bool; nuisance (n, m) with prior sds (m,)."""
+    """One recording for the Gram. y (n,) data; observed (n,) bool; nuisance (n, m) with prior sds (m,)."""
 
     drive: Drive
     y: NDArray[np.float64]
@@ -107,7 +107,7 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
         F = np.empty((rows, p))
         F[:, :K] = lags[:rows]
         F[:, K] = d.stress[start:stop]
-        F[:, K + 1:K + 1 + m] = record.nuisance[start:stop]
+        F[:, K + 1 : K + 1 + m] = record.nuisance[start:stop]
         F[:, -1] = record.y[start:stop]
         code_here = row_code[start:stop]
         seen = code_here > -2
@@ -132,8 +132,20 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
         first += heads.T @ heads
         carried = F[-1].copy()
     pairs = np.array([int(np.sum(code == k)) for k in range(classes)])
-    return RecordGram(first, later, earlier, cross, int(np.sum(code == -1)), pairs, steps, index.size,
-                      record.nuisance_sd, state, record.start_state, rate)
+    return RecordGram(
+        first,
+        later,
+        earlier,
+        cross,
+        int(np.sum(code == -1)),
+        pairs,
+        steps,
+        index.size,
+        record.nuisance_sd,
+        state,
+        record.start_state,
+        rate,
+    )
 
 
 @dataclass(frozen=True)
@@ -178,7 +190,7 @@ def sum_group(grams: Sequence[RecordGram], gain_sd: float) -> GramGroup:
     pairs = np.zeros(c, dtype=np.int64)
     for r, (g, place) in enumerate(zip(grams, slots, strict=True)):
         mr = g.nuisance_sd.size
-        keep = np.r_[0:q - 1, q - 1 + mr]
+        keep = np.r_[0 : q - 1, q - 1 + mr]
         nuisance = np.arange(q - 1, q - 1 + mr)
         stacks = [(0, g.first)]
         for k, slot in enumerate(place):
@@ -189,8 +201,18 @@ def sum_group(grams: Sequence[RecordGram], gain_sd: float) -> GramGroup:
             side[r, s, :mr] += matrix[np.ix_(nuisance, keep)]
             inner[r, s, :mr, :mr] += matrix[np.ix_(nuisance, nuisance)]
         precision[r, :mr] = 1.0 / g.nuisance_sd**2
-    return GramGroup(total, np.array(steps), np.array(rates), pairs, sum(g.chains for g in grams), sum(g.n for g in grams),
-                     side, inner, precision, float(gain_sd))
+    return GramGroup(
+        total,
+        np.array(steps),
+        np.array(rates),
+        pairs,
+        sum(g.chains for g in grams),
+        sum(g.n for g in grams),
+        side,
+        inner,
+        precision,
+        float(gain_sd),
+    )
 
 
 @nb.njit(cache=True)
@@ -212,8 +234,8 @@ def _stack_weights(sigma, rhos, steps, rates, out):
 def evaluate(coef, sigma, rho, total, steps, rates, pairs, chains, n, side, inner, precision, gain_sd, out):
     """Log likelihood of B parameter sets, with nuisance and gain integrated out.
 
-    coef (B, q - 1): response vectors; sigma (B,), rho (B, rates). out (B, 4): log likelihood, posterior mean and variance of the
-    gain, and x'S^-1 x (for the information about the gain).
+    coef (B, q - 1): response vectors; sigma (B,), rho (B, rates). out (B, 4): log likelihood,
+    posterior mean and variance of the gain, and x'S^-1 x (for the information about the gain).
     """
     B = coef.shape[0]
     S, q = total.shape[0], total.shape[1]
@@ -307,8 +329,22 @@ def evaluate(coef, sigma, rho, total, steps, rates, pairs, chains, n, side, inne
 def log_likelihood(group: GramGroup, coef: NDArray, sigma: NDArray, rho: NDArray) -> NDArray:
     """(B, 4) of `evaluate` for one group; coef (B, q - 1), sigma (B,), rho (B, rates)."""
     out = np.empty((len(coef), 4))
-    evaluate(np.ascontiguousarray(coef), np.ascontiguousarray(sigma), np.ascontiguousarray(rho), group.total, group.steps,
-             group.rates, group.pairs, group.chains, group.n, group.side, group.inner, group.nuisance_precision, group.gain_sd, out)
+    evaluate(
+        np.ascontiguousarray(coef),
+        np.ascontiguousarray(sigma),
+        np.ascontiguousarray(rho),
+        group.total,
+        group.steps,
+        group.rates,
+        group.pairs,
+        group.chains,
+        group.n,
+        group.side,
+        group.inner,
+        group.nuisance_precision,
+        group.gain_sd,
+        out,
+    )
     return out
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba as nb
 import numpy as np
@@ -160,24 +160,37 @@ class IntervalGroup(BlockGroup):
     """A block group whose readings are intervals; levels and counts (nb, L) by recording name."""
 
     step: float = 0.0
-    levels: Mapping[str, NDArray[np.float64]] | None = None
-    counts: Mapping[str, NDArray[np.int64]] | None = None
-    offset_sd: Mapping[str, float] | None = None
+    levels: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    counts: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    offset_sd: Mapping[str, float] = field(default_factory=dict)
 
-    def evaluate(self, model: Model, z: NDArray, zeros: Mapping[str, NDArray], sigma: NDArray, rho: NDArray,
-                 names: Sequence[str] | None = None, gain_sd: float | None = None) -> NDArray[np.float64]:
+    def evaluate(
+        self,
+        model: Model,
+        z: NDArray,
+        zeros: Mapping[str, NDArray],
+        sigma: NDArray,
+        rho: NDArray,
+        names: Sequence[str] | None = None,
+        gain_sd: float | None = None,
+    ) -> NDArray[np.float64]:
         """(B, 4) as `BlockGroup.evaluate`; rho is not used."""
-        assert self.levels is not None and self.counts is not None and self.offset_sd is not None
         names = [p.name for p in self.fitted] if names is None else list(names)
         material = materials(model, z)
         X = np.concatenate([self.simulate(self.record(n), material, zeros.get(n)) for n in names], axis=1)
         width = max(self.levels[n].shape[1] for n in names)
         out = np.empty((len(z), 4))
-        _evaluate(X, np.repeat(np.arange(len(names)), [self.record(n).blocks.n for n in names]),
-                  np.concatenate([_padded(self.levels[n], width) for n in names]),
-                  np.concatenate([_padded(self.counts[n], width) for n in names]),
-                  np.ascontiguousarray(sigma), self.step, np.array([self.offset_sd[n] for n in names]),
-                  self.gain_sd if gain_sd is None else gain_sd, out)
+        _evaluate(
+            X,
+            np.repeat(np.arange(len(names)), [self.record(n).blocks.n for n in names]),
+            np.concatenate([_padded(self.levels[n], width) for n in names]),
+            np.concatenate([_padded(self.counts[n], width) for n in names]),
+            np.ascontiguousarray(sigma),
+            self.step,
+            np.array([self.offset_sd[n] for n in names]),
+            self.gain_sd if gain_sd is None else gain_sd,
+            out,
+        )
         return out
 
     def with_reference(self, residuals: Mapping[str, NDArray]) -> IntervalGroup:
@@ -199,18 +212,33 @@ def _levels(record: BlockRecord) -> tuple[NDArray[np.float64], NDArray[np.int64]
     width = max(len(v) for v, _ in found)
     levels, counts = np.zeros((len(found), width)), np.zeros((len(found), width), dtype=np.int64)
     for i, (v, n) in enumerate(found):
-        levels[i, :len(v)], counts[i, :len(v)] = v, n
+        levels[i, : len(v)], counts[i, : len(v)] = v, n
     return levels, counts
 
 
-def build_interval_groups(prepared: Sequence[Prepared], terms: Mapping[str, NoiseTerms], rates: RateClasses,
-                          channel: str, input_variance: Mapping[str, float] | None = None) -> list[IntervalGroup]:
+def build_interval_groups(
+    prepared: Sequence[Prepared],
+    terms: Mapping[str, NoiseTerms],
+    rates: RateClasses,
+    channel: str,
+    input_variance: Mapping[str, float] | None = None,
+) -> list[IntervalGroup]:
     """One group per specimen, readings as intervals of the sensor's resolution."""
     groups = []
     for g in build_block_groups(prepared, terms, rates, channel, input_variance, INTERVAL_BLOCKS):
         tables = {r.prepared.name: _levels(r) for r in g.records}
         step = terms[g.records[0].prepared.name].resolution
-        groups.append(IntervalGroup(g.channel, g.specimen, g.records, g.gain_sd, step**2 / 12, step,
-                                    {k: v for k, (v, _) in tables.items()}, {k: n for k, (_, n) in tables.items()},
-                                    {r.prepared.name: terms[r.prepared.name].offset_sd for r in g.records}))
+        groups.append(
+            IntervalGroup(
+                g.channel,
+                g.specimen,
+                g.records,
+                g.gain_sd,
+                step**2 / 12,
+                step,
+                {k: v for k, (v, _) in tables.items()},
+                {k: n for k, (_, n) in tables.items()},
+                {r.prepared.name: terms[r.prepared.name].offset_sd for r in g.records},
+            )
+        )
     return groups

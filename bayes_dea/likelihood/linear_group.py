@@ -68,8 +68,16 @@ class LinearGroup:
     def vectors_of(self, D: NDArray, c: NDArray, T: NDArray) -> NDArray[np.float64]:
         """Response vectors (B, K + 1) of modes."""
         out = np.empty((len(D), self.basis.size + 1))
-        coefficients(np.ascontiguousarray(D), np.ascontiguousarray(c), np.ascontiguousarray(T), self.basis.table,
-                     self.basis.log_low, self.basis.step, self.basis.reference_s, out)
+        coefficients(
+            np.ascontiguousarray(D),
+            np.ascontiguousarray(c),
+            np.ascontiguousarray(T),
+            self.basis.table,
+            self.basis.log_low,
+            self.basis.step,
+            self.basis.reference_s,
+            out,
+        )
         return out
 
     def block_responses(self, p: Prepared, blocks: Blocks, masked: NDArray) -> NDArray[np.float64]:
@@ -84,8 +92,9 @@ class LinearGroup:
         for k, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
             which[a:b] = k
         out = np.zeros((blocks.n + 1, K + 1))
-        lag_block_sums(drive.dt, drive.stress, drive.middle, drive.hold, self.basis.time_constants, state, which, weight,
-                       out)
+        lag_block_sums(
+            drive.dt, drive.stress, drive.middle, drive.hold, self.basis.time_constants, state, which, weight, out
+        )
         return out[:-1] / blocks.count[:, None]
 
     def total_sd(self, sigma: NDArray) -> NDArray:
@@ -101,8 +110,9 @@ class LinearGroup:
         return precision_matrix(self.gram_fitted, float(self.total_sd(np.array([sigma]))[0]), rho)
 
 
-def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerms], rates: RateClasses,
-                        workers: int = 1) -> list[LinearGroup]:
+def build_linear_groups(
+    prepared: Sequence[Prepared], terms: dict[str, NoiseTerms], rates: RateClasses, workers: int = 1
+) -> list[LinearGroup]:
     """One group per specimen from voltage recordings; `terms` by recording name, `rates` by sampling step."""
     from concurrent.futures import ThreadPoolExecutor
 
@@ -122,8 +132,9 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
                 state = None
             elif state is not None:
                 state = state * np.exp(-(p.recording.rest_before_s or 0.0) / basis.time_constants)
-            record = LinearRecord(drives[p.name], np.nan_to_num(p.y), p.observed, p.nuisance(),
-                                  nuisance_sd(p, terms[p.name]), state)
+            record = LinearRecord(
+                drives[p.name], np.nan_to_num(p.y), p.observed, p.nuisance(), nuisance_sd(p, terms[p.name]), state
+            )
             rate = rates.of(p)
             gram = collect(record, basis, rates.steps_s[rate], rate)
             state = gram.end_state
@@ -138,8 +149,18 @@ def build_linear_groups(prepared: Sequence[Prepared], terms: dict[str, NoiseTerm
         fitted = tuple(p for p in members if p.recording.role == "identify")
         others = tuple(p for p in members if p.recording.role != "identify")
         reference = terms[(fitted or others)[0].name]
-        groups.append(LinearGroup("displacement", specimen, fitted, others, basis, grams,
-                                  max(terms[p.name].gain_sd for p in members), reference.quantisation_variance))
+        groups.append(
+            LinearGroup(
+                "displacement",
+                specimen,
+                fitted,
+                others,
+                basis,
+                grams,
+                max(terms[p.name].gain_sd for p in members),
+                reference.quantisation_variance,
+            )
+        )
     return groups
 
 
@@ -153,8 +174,9 @@ def _chains(prepared: Sequence[Prepared]) -> list[list[Prepared]]:
             elif chains and chains[-1][-1].recording.specimen == specimen:
                 chains[-1].append(p)
             else:
-                raise InputError(f"{p.name}: rested = false, but no voltage recording of specimen {specimen} comes "
-                                 "before it")
+                raise InputError(
+                    f"{p.name}: rested = false, but no voltage recording of specimen {specimen} comes before it"
+                )
     return chains
 
 
@@ -170,8 +192,12 @@ def _with_memory(members: Sequence[Prepared], drives: Mapping[str, Drive]) -> li
         if out and not p.recording.rested:
             before = out[-1]
             pause = [0.0, p.recording.rest_before_s or 0.0]
-            drive = Drive(np.concatenate([before.dt, pause, drive.dt]), 0.0,
-                          np.concatenate([before.stress, [0.0, 0.0], drive.stress]),
-                          np.concatenate([before.middle, [0.0, 0.0], drive.middle]), drive.hold)
+            drive = Drive(
+                np.concatenate([before.dt, pause, drive.dt]),
+                0.0,
+                np.concatenate([before.stress, [0.0, 0.0], drive.stress]),
+                np.concatenate([before.middle, [0.0, 0.0], drive.middle]),
+                drive.hold,
+            )
         out.append(drive)
     return out

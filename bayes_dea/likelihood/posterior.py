@@ -62,8 +62,14 @@ class Posterior:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all coordinates (d,)."""
-        noise = [name for c in self.channels
-                 for name in (f"log sigma_{c.channel}", *(f"atanh rho_{c.channel}{suffix}" for suffix in rate_suffixes(c.rates)))]
+        noise = [
+            name
+            for c in self.channels
+            for name in (
+                f"log sigma_{c.channel}",
+                *(f"atanh rho_{c.channel}{suffix}" for suffix in rate_suffixes(c.rates)),
+            )
+        ]
         further = [f"{self.model.coordinate_names[i]} {s}" for s in self.specimens[1:] for i in self.own]
         return (*self.model.coordinate_names, *further, *(z.name for z in self.zeros), *noise)
 
@@ -92,7 +98,7 @@ class Posterior:
             return q[:, :d]
         x = q[:, :d].copy()
         start = d + (self.specimens.index(specimen) - 1) * len(self.own)
-        x[:, list(self.own)] = q[:, start:start + len(self.own)]
+        x[:, list(self.own)] = q[:, start : start + len(self.own)]
         return x
 
     def zeros_part(self, q: NDArray) -> dict[str, NDArray]:
@@ -103,7 +109,7 @@ class Posterior:
         """sigma (B,) and rho (B, rates) of a channel."""
         start = self._noise_start[channel]
         rates = len(next(c for c in self.channels if c.channel == channel).rates.steps_s)
-        return np.exp(np.clip(q[:, start], -80, 80)), np.tanh(q[:, start + 1:start + 1 + rates])
+        return np.exp(np.clip(q[:, start], -80, 80)), np.tanh(q[:, start + 1 : start + 1 + rates])
 
     # ------------------------------------------------------------ densities
     def log_prior(self, q: NDArray) -> NDArray:
@@ -129,8 +135,9 @@ class Posterior:
         """(B, 4): log likelihood of a group, mean and variance of its gain, information about it."""
         sigma, rho = self.noise_part(q, group.channel)
         if isinstance(group, LinearGroup):
-            return group.evaluate(group.gram_fitted, group.vectors(self.model, self.model_part(q, group.specimen)),
-                                  sigma, rho)
+            return group.evaluate(
+                group.gram_fitted, group.vectors(self.model, self.model_part(q, group.specimen)), sigma, rho
+            )
         return group.evaluate(self.model, self.model_part(q, group.specimen), self.zeros_part(q), sigma, rho)
 
     def log_likelihood(self, q: NDArray) -> NDArray:
@@ -155,7 +162,7 @@ class Posterior:
 
     def without(self, name: str) -> Posterior:
         """The same posterior with one recording moved from the fitted ones of its group to the others."""
-        groups = []
+        groups: list[Group] = []
         for g in self.groups:
             if isinstance(g, LinearGroup) and any(p.name == name for p in g.fitted):
                 gone = tuple(p for p in g.fitted if p.name == name)

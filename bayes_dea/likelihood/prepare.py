@@ -74,15 +74,19 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         raise InputError(f"{recording.name}: recordings of kind '{recording.kind}' cannot be calibrated on")
     sensor = campaign.sensors.get(channel)
     if sensor is None:
-        raise InputError(f"[sensor.{channel}] is missing in campaign.toml: the noise of {recording.name} is built from "
-                         f"its stated fluctuation, accuracy and resolution")
+        raise InputError(
+            f"[sensor.{channel}] is missing in campaign.toml: the noise of {recording.name} is built from "
+            f"its stated fluctuation, accuracy and resolution"
+        )
     y = np.asarray(recording.columns[recording.output], float)
     drive = filled_input(recording.columns["voltage_V" if recording.is_voltage else "position_m"])
     dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
     observed = np.isfinite(y) & ~dropouts
     if observed.sum() < 20:
-        raise InputError(f"{recording.name}: only {int(observed.sum())} samples of {recording.output} were observed; "
-                         "a recording needs at least 20")
+        raise InputError(
+            f"{recording.name}: only {int(observed.sum())} samples of {recording.output} were observed; "
+            "a recording needs at least 20"
+        )
     clean = np.where(observed, y, np.nan)
     quiet = quiet_noise(clean, drive, recording.time_s)
     mains = find_mains(clean, recording.time_s, drive)

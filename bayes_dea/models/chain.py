@@ -19,7 +19,7 @@ from .static import LAWS
 
 @dataclass(frozen=True)
 class Material:
-    """Parameters of the mechanical stage of B draws: law (B, np), branches k (B, n) Pa and tau (B, n) s, d0 (B,) Pa s."""
+    """Mechanical stage of B draws: law (B, np), branches k (B, n) Pa and tau (B, n) s, d0 (B,) Pa s."""
 
     law_id: int
     law: NDArray[np.float64]
@@ -37,8 +37,10 @@ def materials(model: Model, z: NDArray) -> Material:
 def materials_of(model: Model, values: dict[str, NDArray]) -> Material:
     """Material of named physical values (B,)."""
     if model.is_black_box:
-        raise InputError(f"{model.name} is a black box from voltage to displacement; it knows no force. "
-                         "Calibrate it on voltage recordings alone.")
+        raise InputError(
+            f"{model.name} is a black box from voltage to displacement; it knows no force. "
+            "Calibrate it on voltage recordings alone."
+        )
     assert model.spec.law is not None
     law = LAWS[model.spec.law]
     n = model.spec.elements
@@ -52,8 +54,14 @@ def materials_of(model: Model, values: dict[str, NDArray]) -> Material:
         # a linear GKV is a GM exactly, and under imposed strain that form needs no iteration
         Y, k, tau, _ = modes_to_maxwell(np.ascontiguousarray(1.0 / p[:, 0]), 1.0 / k, np.ascontiguousarray(tau))
         p, code = Y[:, None], GM
-    return Material(law.law_id, np.ascontiguousarray(p), code, np.ascontiguousarray(k), np.ascontiguousarray(tau),
-                    np.ascontiguousarray(d0))
+    return Material(
+        law.law_id,
+        np.ascontiguousarray(p),
+        code,
+        np.ascontiguousarray(k),
+        np.ascontiguousarray(tau),
+        np.ascontiguousarray(d0),
+    )
 
 
 @nb.njit(cache=True, nogil=True)
@@ -86,11 +94,15 @@ def strains(material: Material, h: NDArray, stress: NDArray) -> tuple[NDArray, N
     """Strain just after the start (B, I) and at the end (B, I) of intervals h (I,) s of constant stress (I,) Pa."""
     B = len(material.law)
     jump, end = np.empty((B, h.size)), np.empty((B, h.size))
-    _strains(material.law_id, material.law, material.network, material.k, material.tau, material.d0, h, stress, jump, end)
+    _strains(
+        material.law_id, material.law, material.network, material.k, material.tau, material.d0, h, stress, jump, end
+    )
     return jump, end
 
 
-def forces(material: Material, h: NDArray, position: NDArray, zero: NDArray, actuator: Actuator, contact: int) -> NDArray:
+def forces(
+    material: Material, h: NDArray, position: NDArray, zero: NDArray, actuator: Actuator, contact: int
+) -> NDArray:
     """Force (B, K + 1) in N at knots of position (K + 1,) m that are joined by straight lines of duration h (K,) s.
 
     zero (B,) m is the position of contact; contact +1 between plates, -1 a film in tension, 0 glued. The force is
@@ -98,9 +110,21 @@ def forces(material: Material, h: NDArray, position: NDArray, zero: NDArray, act
     """
     require(actuator, ("stack_height_m", "total_area_m2"), "a mechanical recording")
     out = np.empty((len(material.law), position.size))
-    _forces(material.law_id, material.law, material.network, material.k, material.tau, material.d0, h,
-            position, np.ascontiguousarray(zero, float), float(actuator.stack_height_m or 0.0),
-            float(actuator.total_area_m2 or 0.0), contact, out)
+    _forces(
+        material.law_id,
+        material.law,
+        material.network,
+        material.k,
+        material.tau,
+        material.d0,
+        h,
+        position,
+        np.ascontiguousarray(zero, float),
+        float(actuator.stack_height_m or 0.0),
+        float(actuator.total_area_m2 or 0.0),
+        contact,
+        out,
+    )
     return out
 
 

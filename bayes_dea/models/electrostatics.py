@@ -27,18 +27,19 @@ def require(actuator: Actuator, names: tuple[str, ...], what: str) -> None:
 
 def stress_factor(actuator: Actuator) -> float:
     """Pa per V^2."""
-    require(actuator, VOLTAGE_GEOMETRY, "a voltage recording")
-    a = actuator
-    assert a.relative_permittivity and a.layer_thickness_m and a.electrode_area_m2 and a.total_area_m2
-    return (VACUUM_PERMITTIVITY * a.relative_permittivity / a.layer_thickness_m**2
-            * a.electrode_area_m2 / a.total_area_m2)
+    thickness, permittivity = _number(actuator, "layer_thickness_m"), _number(actuator, "relative_permittivity")
+    share = _number(actuator, "electrode_area_m2") / _number(actuator, "total_area_m2")
+    return VACUUM_PERMITTIVITY * permittivity / thickness**2 * share
 
 
 def stroke_factor(actuator: Actuator) -> float:
     """Displacement in m per unit strain: layers x layer thickness."""
-    require(actuator, VOLTAGE_GEOMETRY, "a voltage recording")
-    assert actuator.layers and actuator.layer_thickness_m
-    return actuator.layers * actuator.layer_thickness_m
+    return _number(actuator, "layers") * _number(actuator, "layer_thickness_m")
+
+
+def _number(actuator: Actuator, name: str) -> float:
+    require(actuator, (name,), "a voltage recording")
+    return float(getattr(actuator, name))
 
 
 def filled_input(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -61,5 +62,5 @@ def voltage_drive(recording: Recording) -> Drive:
     """Maxwell stress of a voltage recording (Pa) as a drive for the mechanical stage."""
     factor = stress_factor(recording.actuator)
     V = filled_input(recording.columns["voltage_V"])
-    middle = factor * (0.5 * (V + np.concatenate([V[:1], V[:-1]])))**2 if recording.hold == "linear" else None
+    middle = factor * (0.5 * (V + np.concatenate([V[:1], V[:-1]]))) ** 2 if recording.hold == "linear" else None
     return make_drive(recording.time_s, factor * V**2, recording.hold, middle)

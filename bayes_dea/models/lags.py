@@ -145,21 +145,21 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
         f = states[j]
         out[0] += c[j] * f
         last = -1.0
-        a = w0 = w1 = w2 = 0.0
+        decay = w0 = w1 = w2 = 0.0
         for i in range(1, n):
             if dt[i] != last:
                 last = dt[i]
                 if hold == 2:
-                    a, w0, w1, w2 = _weights(last, T[j])
+                    decay, w0, w1, w2 = _weights(last, T[j])
                 else:
-                    a = np.exp(-last / T[j])
+                    decay = np.exp(-last / T[j])
                     w1 = -np.expm1(-last / T[j])
             if hold == 0:
-                f = a * f + w1 * s[i]
+                f = decay * f + w1 * s[i]
             elif hold == 1:
-                f = a * f + w1 * s[i - 1]
+                f = decay * f + w1 * s[i - 1]
             else:
-                f = a * f + w0 * s[i - 1] + w1 * middle[i] + w2 * s[i]
+                f = decay * f + w0 * s[i - 1] + w1 * middle[i] + w2 * s[i]
             out[i] += c[j] * f
         states[j] = f
     return states
@@ -216,8 +216,9 @@ def lag_block_sums(dt, s, middle, hold, T, f, which, weight, out):
             out[b, K] += w * s[i]
 
 
-def simulate_modes(drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None
-                   ) -> tuple[NDArray, NDArray]:
+def simulate_modes(
+    drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None
+) -> tuple[NDArray, NDArray]:
     """Strain (n,) of a network in modes form under `drive`, and the lag states (m,) at its end."""
     c = np.ascontiguousarray(c, float)
     T = np.ascontiguousarray(T, float)

@@ -20,8 +20,14 @@ from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
 from .spec import Spec, parse_spec
 
 #: the law's parameter that carries its small-strain modulus, and the modulus per unit of it
-PRIMARY = {"hooke": ("Y_Pa", 1.0), "neohooke": ("C1_Pa", 6.0), "yeoh": ("C1_Pa", 6.0), "mooney": ("C1_Pa", 6.0),
-           "gent": ("mu_Pa", 3.0), "ogden": ("mu1_Pa", 1.5)}
+PRIMARY = {
+    "hooke": ("Y_Pa", 1.0),
+    "neohooke": ("C1_Pa", 6.0),
+    "yeoh": ("C1_Pa", 6.0),
+    "mooney": ("C1_Pa", 6.0),
+    "gent": ("mu_Pa", 3.0),
+    "ogden": ("mu1_Pa", 1.5),
+}
 #: sample time that the discrete state space is stated for (s), as in the reference paper's Table SVIII
 STATE_SPACE_STEP_S = 0.01
 
@@ -72,8 +78,11 @@ class Model:
     def _network_names(self) -> list[str]:
         n = self.spec.elements
         assert self.spec.law is not None
-        names = [PRIMARY[self.spec.law][0], *(f"k_{i}_Pa" for i in range(1, n + 1)),
-                 *(f"tau_{i}_s" for i in range(1, n + 1))]
+        names = [
+            PRIMARY[self.spec.law][0],
+            *(f"k_{i}_Pa" for i in range(1, n + 1)),
+            *(f"tau_{i}_s" for i in range(1, n + 1)),
+        ]
         return [*names, "d0_Pa_s"] if self.spec.network == "gkm" else names
 
     @cached_property
@@ -87,10 +96,18 @@ class Model:
         if self._mode_coordinates:
             n = self.spec.elements
             if self.spec.network == "gkm":
-                new = ["log c_1/T_1", *(f"log c_{i}" for i in range(2, n + 2)), *(f"log T_{i}" for i in range(1, n + 2))]
+                new = [
+                    "log c_1/T_1",
+                    *(f"log c_{i}" for i in range(2, n + 2)),
+                    *(f"log T_{i}" for i in range(1, n + 2)),
+                ]
             else:
-                new = ["log D", "log c_1/T_1", *(f"log c_{i}" for i in range(2, n + 1)),
-                       *(f"log T_{i}" for i in range(1, n + 1))]
+                new = [
+                    "log D",
+                    "log c_1/T_1",
+                    *(f"log c_{i}" for i in range(2, n + 1)),
+                    *(f"log T_{i}" for i in range(1, n + 1)),
+                ]
             for i, name in zip(self._network_index, new, strict=True):
                 names[i] = name
         elif self._process_coordinates:
@@ -114,11 +131,11 @@ class Model:
             factor = PRIMARY[self.spec.law or "hooke"][1]
             # unordered or absurd modes have no counterpart: the caller sees -inf through the NaN
             if network == "gkm":
-                log_c, log_T = v[:, :n + 1].copy(), v[:, n + 1:]
+                log_c, log_T = v[:, : n + 1].copy(), v[:, n + 1 :]
                 log_c[:, 0] += log_T[:, 0]
                 D = np.zeros(len(v))
             else:
-                log_c, log_T = v[:, 1:n + 1].copy(), v[:, n + 1:]
+                log_c, log_T = v[:, 1 : n + 1].copy(), v[:, n + 1 :]
                 log_c[:, 0] += log_T[:, 0]
                 D = np.exp(np.clip(v[:, 0], -200, 200))
             good = np.all(log_T[:, 1:] < log_T[:, :-1] - 1e-9, axis=1) & np.all(np.isfinite(v), axis=1)
@@ -126,11 +143,13 @@ class Model:
             result = np.full_like(v, np.nan)
             if network == "gkv":
                 result[:, 0] = -v[:, 0] - np.log(factor)
-                result[:, 1:n + 1] = -log_c
-                result[:, n + 1:] = log_T
+                result[:, 1 : n + 1] = -log_c
+                result[:, n + 1 :] = log_T
                 result[~good] = np.nan
             elif good.any():
-                Y, k, tau, d0 = modes_to_maxwell(np.ascontiguousarray(D[good]), np.exp(log_c[good]), np.exp(log_T[good]))
+                Y, k, tau, d0 = modes_to_maxwell(
+                    np.ascontiguousarray(D[good]), np.exp(log_c[good]), np.exp(log_T[good])
+                )
                 parts = [np.log(Y / factor)[:, None], np.log(k), np.log(tau)]
                 if network == "gkm":
                     parts.append(np.log(d0)[:, None])
@@ -153,11 +172,12 @@ class Model:
             n = self.spec.elements
             factor = PRIMARY[self.spec.law or "hooke"][1]
             if self.spec.network == "gkv":
-                log_D, log_c, log_T = -v[:, 0] - np.log(factor), -v[:, 1:n + 1], v[:, n + 1:]
+                log_D, log_c, log_T = -v[:, 0] - np.log(factor), -v[:, 1 : n + 1], v[:, n + 1 :]
             else:
                 d0 = np.exp(v[:, -1]) if self.spec.network == "gkm" else np.zeros(len(v))
-                D, c, T = maxwell_to_modes(np.exp(v[:, 0]) * factor, np.exp(v[:, 1:n + 1]),
-                                           np.exp(v[:, n + 1:2 * n + 1]), d0)
+                D, c, T = maxwell_to_modes(
+                    np.exp(v[:, 0]) * factor, np.exp(v[:, 1 : n + 1]), np.exp(v[:, n + 1 : 2 * n + 1]), d0
+                )
                 with np.errstate(divide="ignore"):
                     log_D, log_c, log_T = np.log(D), np.log(c), np.log(T)
             log_c = log_c.copy()
@@ -200,10 +220,10 @@ class Model:
             v = z[:, self._network_index]
             with np.errstate(over="ignore"):
                 if network == "gkm":
-                    c, T = np.exp(v[:, :n + 1]), np.exp(v[:, n + 1:])
+                    c, T = np.exp(v[:, : n + 1]), np.exp(v[:, n + 1 :])
                     D = np.zeros(len(z))
                 else:
-                    D, c, T = np.exp(v[:, 0]), np.exp(v[:, 1:n + 1]), np.exp(v[:, n + 1:])
+                    D, c, T = np.exp(v[:, 0]), np.exp(v[:, 1 : n + 1]), np.exp(v[:, n + 1 :])
             c[:, 0] *= T[:, 0]
             return D, c, T
         return self.modes_of(self.physical(z))
@@ -214,8 +234,9 @@ class Model:
             raise InputError(f"{self.name} is not a linear network; it has no modes")
         if self.is_black_box:
             Tp = np.stack([values[f"Tp_{i}_s"] for i in (1, 2, 3)], axis=1)
-            c, T = process_to_modes(np.ascontiguousarray(values["Kp"] / values["Y_Pa"]),
-                                    np.ascontiguousarray(values["Tz_s"]), Tp)
+            c, T = process_to_modes(
+                np.ascontiguousarray(values["Kp"] / values["Y_Pa"]), np.ascontiguousarray(values["Tz_s"]), Tp
+            )
             return np.zeros(len(T)), c, T
         n = self.spec.elements
         Y = np.ascontiguousarray(values["Y_Pa"])
@@ -245,16 +266,21 @@ class Model:
     @property
     def separable(self) -> bool:
         """Whether the swarm can project the linear part out (mode coordinates of a linear law, or a process model)."""
-        return self.is_linear and (self._mode_coordinates or self._process_coordinates) and not any(
-            p.fixed and p.name != "Y_Pa" for p in self.parameters)
+        return (
+            self.is_linear
+            and (self._mode_coordinates or self._process_coordinates)
+            and not any(p.fixed and p.name != "Y_Pa" for p in self.parameters)
+        )
 
     def nonlinear_index(self) -> NDArray[np.int64]:
         """Positions of the log time constants among the coordinates; the rest are logs of linear coefficients."""
         names = self.coordinate_names
-        return np.array([i for i, n in enumerate(names) if n.startswith(("log T_", "log Tp_", "log tau_"))], dtype=np.int64)
+        return np.array(
+            [i for i, n in enumerate(names) if n.startswith(("log T_", "log Tp_", "log tau_"))], dtype=np.int64
+        )
 
     def design(self, z: NDArray) -> NDArray:
-        """(B, 1 + m, p): the linear map from exp(linear coordinates) to (D, c_1..c_m), given the time constants in z."""
+        """(B, 1 + m, p): the linear map from exp(linear coordinates) to (D, c_1..c_m), given the times in z."""
         z = np.atleast_2d(z)
         log_T = z[:, self.nonlinear_index()]
         T = np.exp(log_T)
@@ -295,8 +321,11 @@ def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPAC
     a = [np.exp(-step * q) for q in p]
     A12 = (a[0] - a[1]) / (p[1] - p[0])
     A23 = (a[1] - a[2]) / (p[2] - p[1])
-    A13 = (a[0] / ((p[1] - p[0]) * (p[2] - p[0])) + a[1] / ((p[0] - p[1]) * (p[2] - p[1]))
-           + a[2] / ((p[0] - p[2]) * (p[1] - p[2])))
+    A13 = (
+        a[0] / ((p[1] - p[0]) * (p[2] - p[0]))
+        + a[1] / ((p[0] - p[1]) * (p[2] - p[1]))
+        + a[2] / ((p[0] - p[2]) * (p[1] - p[2]))
+    )
     B3 = gain * (1 - a[2]) / p[2]
     B2 = gain / (p[2] - p[1]) * ((1 - a[1]) / p[1] - (1 - a[2]) / p[2])
     B1 = gain * sum((1 - a[i]) / p[i] / np.prod([p[j] - p[i] for j in range(3) if j != i], axis=0) for i in range(3))
@@ -304,12 +333,24 @@ def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPAC
     C2 = scale * values["Tz_s"]
     separation = 1.0 / values["Tz_s"] - p[0]
     g = np.sqrt(np.abs(separation))
-    return {"A11": a[0], "A22": a[1], "A33": a[2], "A12": g * A12, "A13": g * A13, "A23": A23,
-            "B1": g * B1, "B2": B2, "B3": B3, "C1": np.sign(separation) * g * C2, "C2": C2}
+    return {
+        "A11": a[0],
+        "A22": a[1],
+        "A33": a[2],
+        "A12": g * A12,
+        "A13": g * A13,
+        "A23": A23,
+        "B1": g * B1,
+        "B2": B2,
+        "B3": B3,
+        "C1": np.sign(separation) * g * C2,
+        "C2": C2,
+    }
 
 
-def _with_name(p: Parameter, name: str, prior: Prior | None = None, label: str | None = None,
-               ordered: str | None = None) -> Parameter:
+def _with_name(
+    p: Parameter, name: str, prior: Prior | None = None, label: str | None = None, ordered: str | None = None
+) -> Parameter:
     return Parameter(name, p.unit, prior or p.prior, label or p.label, p.source, ordered)
 
 

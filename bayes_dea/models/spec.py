@@ -77,11 +77,15 @@ def parse_spec(text: str) -> Spec:
         else:
             near = difflib.get_close_matches(part, _known(), 1, 0.5)
             hint = f"; did you mean '{near[0]}'?" if near else "."
-            raise InputError(f"model '{text}': '{part}' is unknown{hint} A model is a static law "
-                             f"({', '.join(LAWS)}) + gmN, gkvN or gkmN with N = 1..{MAX_ELEMENTS}, or pz3, or ss3.")
+            raise InputError(
+                f"model '{text}': '{part}' is unknown{hint} A model is a static law "
+                f"({', '.join(LAWS)}) + gmN, gkvN or gkmN with N = 1..{MAX_ELEMENTS}, or pz3, or ss3."
+            )
     if network in BLACK_BOXES:
         if law is not None:
-            raise InputError(f"model '{text}': {network} is driven by the static Hooke strain already; write '{network}'")
+            raise InputError(
+                f"model '{text}': {network} is driven by the static Hooke strain already; write '{network}'"
+            )
     elif law is None:
         network_text = parts[0] if parts else ""
         raise InputError(f"model '{text}': a network needs a static law as its spring; write 'hooke+{network_text}'")

@@ -144,8 +144,8 @@ def corner_picture(data: ResultData) -> Picture | None:
     ax.set_xlim(-0.02, n)
     ax.set_ylim(-0.02, n)
     cut = "" if n == len(data.summary["parameters"]) else f" The first {n} parameters are shown."
-    caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the cross "
-               "is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings fix "
+    caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the "
+               "cross is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings fix "
                "a combination better than either parameter." + cut)
     return style.picture(figure, caption, "Corner plot of the material parameters")
 
@@ -267,8 +267,8 @@ def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture 
         if i + columns >= len(names):
             ax.set_xlabel("rank among all draws", labelpad=2)
     _chain_legend(figure, data.posterior[names[0]].shape[0])
-    caption = ("Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey band; "
-               "a slope or a hump says that one ensemble has been elsewhere.")
+    caption = ("Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey "
+               "band; a slope or a hump says that one ensemble has been elsewhere.")
     return style.picture(figure, caption, "Rank histograms of the sampled quantities by ensemble")
 
 
@@ -324,6 +324,6 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
     figure.legend(handles, ["draw from the prior", "90 % of them", "measured"], loc="upper right", ncols=3,
                   bbox_to_anchor=(0.985, 1.0), borderaxespad=0.1)
     caption = ("Largest output of a recording as draws from the prior predict it, before any recording was seen, and "
-               "as measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if the "
-               "ticks span many powers of ten, the prior is vaguer than it need be.")
+               "as measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if "
+               "the ticks span many powers of ten, the prior is vaguer than it need be.")
     return style.picture(figure, caption, "Prior predictions of the largest output beside the measured one")

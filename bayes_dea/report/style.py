@@ -147,4 +147,5 @@ def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArr
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
     smooth = np.convolve(counts, kernel, mode="valid")
     smooth[(grid < low - step) | (grid > high + step)] = 0.0
-    return np.asarray(smooth / max(float(smooth.max()), 1e-300), dtype=np.float64)
+    smooth /= max(float(smooth.max()), 1e-300)
+    return smooth.astype(np.float64)

@@ -171,8 +171,8 @@ def recording_rows(summary: Mapping[str, Any]) -> list[RecordingRow]:
             f"recording-{i + 1}", str(r["recording"]), r.get("role") == "identify", str(r.get("channel", "")),
             digits.fixed(r.get("n")), scale.unit, of(rmse), of(r.get("rmse_raw")), of(r.get("noise_floor")),
             _r2(r.get("r2")), digits.significant(chi2, 3), digits.percent(r.get("coverage_50")), digits.percent(cover),
-            digits.significant(r.get("pit_p_value"), 2), digits.fixed(r.get("elpd")), digits.fixed(r.get("pareto_k"), 2),
-            doubtful))
+            digits.significant(r.get("pit_p_value"), 2), digits.fixed(r.get("elpd")),
+            digits.fixed(r.get("pareto_k"), 2), doubtful))
     return rows
 
 

@@ -35,16 +35,17 @@ def verdict(summary: Mapping[str, Any]) -> Verdict:
     worst = _worst(recordings)
     if worst is not None:
         rmse, unit = rmse_of(worst)
-        clauses.append(f"the worst recording, {worst['recording']}, is met to {digits.quantity(rmse, unit)} RMS where the "
-                       f"noise floor is {digits.quantity(worst.get('noise_floor'), unit)}")
-    kept = [r["coverage_90"] for r in recordings if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))]
+        clauses.append(f"the worst recording, {worst['recording']}, is met to {digits.quantity(rmse, unit)} RMS where "
+                       f"the noise floor is {digits.quantity(worst.get('noise_floor'), unit)}")
+    kept = [r["coverage_90"] for r in recordings
+            if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))]
     if kept:
         mean = sum(kept) / len(kept)
         word = "the one recording" if len(kept) == 1 else f"the {len(kept)} recordings"
         clauses.append(f"on {word} never fitted the 90 % bands hold {digits.percent(mean)} % of the samples")
         if not COVERAGE_LOW <= mean <= COVERAGE_HIGH:
             level = "check" if level == "good" else level
-            clauses[-1] += " (too few: the bands are too narrow)" if mean < COVERAGE_LOW else " (the bands are too wide)"
+            clauses[-1] += " (the bands are too narrow)" if mean < COVERAGE_LOW else " (the bands are too wide)"
     else:
         clauses.append("no recording was kept back to test the bands")
     doubt, clause = _left_out(recordings)
@@ -57,7 +58,7 @@ def verdict(summary: Mapping[str, Any]) -> Verdict:
 def _worst(recordings: list[Mapping[str, Any]]) -> Mapping[str, Any] | None:
     def ratio(r: Mapping[str, Any]) -> float:
         rmse, floor = rmse_of(r)[0], r.get("noise_floor")
-        return rmse / floor if digits.is_number(rmse) and digits.is_number(floor) and floor > 0 else -1.0  # type: ignore[operator]
+        return rmse / floor if digits.is_number(rmse) and digits.is_number(floor) and floor > 0 else -1.0
 
     best = max(recordings, key=ratio, default=None)
     return best if best is not None and ratio(best) > 0 else None
@@ -71,12 +72,11 @@ def _left_out(recordings: list[Mapping[str, Any]]) -> tuple[bool, str]:
     low = sorted((n for n, c in chi2.items() if c < CHI2_LOW), key=lambda n: chi2[n])
     if high:
         others = f" and {len(high) - 1} more" if len(high) > 1 else ""
-        return True, (f"something seems to be left out on {high[0]}{others} (reduced χ² {digits.significant(chi2[high[0]], 3)} "
-                      "where 1 is expected)")
+        return True, (f"something seems to be left out on {high[0]}{others} (reduced χ² "
+                      f"{digits.significant(chi2[high[0]], 3)} where 1 is expected)")
     if low:
         others = f" and {len(low) - 1} more" if len(low) > 1 else ""
-        return True, (f"the noise of {low[0]}{others} seems overstated (reduced χ² {digits.significant(chi2[low[0]], 2)} "
-                      "where 1 is expected)")
-    a, b = min(chi2.values()), max(chi2.values())
-    span = digits.fixed(a, 2) if digits.fixed(a, 2) == digits.fixed(b, 2) else f"{digits.fixed(a, 2)}–{digits.fixed(b, 2)}"
-    return False, f"nothing seems to be left out (reduced χ² {span})"
+        return True, (f"the noise of {low[0]}{others} seems overstated (reduced χ² "
+                      f"{digits.significant(chi2[low[0]], 2)} where 1 is expected)")
+    span = dict.fromkeys(digits.fixed(f(chi2.values()), 2) for f in (min, max))
+    return False, f"nothing seems to be left out (reduced χ² {'–'.join(span)})"

@@ -24,6 +24,8 @@ def methods(assembled: Assembled, linear: Assembled, batch: int = 8) -> tuple[di
     assert isinstance(group, BlockGroup)
     q = np.tile(centre(assembled), (batch, 1))
     q[:, :3] += 1e-3 * np.random.default_rng(0).standard_normal((batch, 3))
+    q[:, -1] = np.arctanh(0.3)  # correlated noise: without it the covariance of the block means is diagonal
+    posterior = assembled.refresh(posterior, q[0])
     material = materials(posterior.model, posterior.model_part(q))
     values = {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(q[:1])).items()}
     records = [r for r in group.records if r.prepared.recording.role == "identify"]

@@ -44,8 +44,8 @@ def make_result() -> Make:
             "model": "hooke+gm1", "campaign": "bench day 3",
             "parameters": {k: described[k] for k in TRUTH},
             "noise": {k: described[k] for k in quantities if k not in TRUTH},
-            "sampler": {"walkers": 32, "ensembles": 2, "steps": 2700, "tau": 41.3 if converged else None, "acceptance": 0.23,
-                        "converged": converged, "reason": "converged" if converged else "max_steps reached",
+            "sampler": {"walkers": 32, "ensembles": 2, "steps": 2700, "tau": 41.3 if converged else None,
+                        "acceptance": 0.23, "converged": converged, "reason": "converged" if converged else "max_steps reached",
                         "burn_in": 450, "rhat_max": 1.0021 if converged else 1.73, "evaluations": 172_864},
             "search": {"swarms": 8, "agree": 8, "evaluations": 23_292, "converged": True},
             "recordings": [entry(p) for p in recordings],
@@ -62,7 +62,8 @@ def make_result() -> Make:
             draws=rng.standard_normal((*shape, 2)), quantities=quantities, converged=converged, summary=summary,
             posterior=SimpleNamespace(names=("log D", "log T_1"), log_prob=lambda q: -0.5 * np.sum(q**2, axis=1)),
             predictions=tuple(recordings), model=SimpleNamespace(name=summary["model"]), prior_quantities=prior,
-            prior_predictive={p.name: np.abs(p.observed).max() * np.exp(0.5 * rng.standard_normal(25)) for p in recordings})
+            prior_predictive={p.name: np.abs(p.observed).max() * np.exp(0.5 * rng.standard_normal(25))
+                              for p in recordings})
         save_calibration(calibration, folder, report=False)  # type: ignore[arg-type]
         return folder
 

@@ -8,13 +8,15 @@ from bayes_dea.report import digits, symbols, tables
 @pytest.mark.parametrize(("value", "unit", "text"), [
     (1.2e6, "Pa", "1.20 MPa"), (4.7e-6, "m", "4.70 µm"), (0.0115, "N", "11.5 mN"), (1500.0, "s", "1\u202f500 s"),
     (0.02, "s", "20.0 ms"), (1200.0, "V", "1\u202f200 V"), (1.33e5, "ohm", "133 kΩ"), (2.5e5, "Pa s", "250 kPa s"),
-    (3.0, "m", "3.00 m"), (0.0, "m", "0 m"), (-4.7e-6, "m", "−4.70 µm"), (0.25, "1", "0.250"), (2.5e-7, "1", "2.50 ×10⁻⁷"),
+    (3.0, "m", "3.00 m"), (0.0, "m", "0 m"), (-4.7e-6, "m", "−4.70 µm"), (0.25, "1", "0.250"),
+    (2.5e-7, "1", "2.50 ×10⁻⁷"),
     (float("nan"), "m", "–"), (None, "m", "–"), (9.996e-7, "m", "1\u202f000 nm")])
 def test_quantities(value: float | None, unit: str, text: str) -> None:
     assert digits.quantity(value, unit).replace("\u00a0", " ") == text
 
 
-@pytest.mark.parametrize(("spread", "decimals"), [(0.04, 3), (11.0, 0), (1.1, 1), (0.1, 2), (0.0996, 3), (250.0, 0), (0.0, 3)])
+@pytest.mark.parametrize(("spread", "decimals"), [(0.04, 3), (11.0, 0), (1.1, 1), (0.1, 2), (0.0996, 3), (250.0, 0),
+                                                 (0.0, 3)])
 def test_two_digits_of_the_uncertainty(spread: float, decimals: int) -> None:
     assert digits.decimals_for(spread) == decimals
 
@@ -38,7 +40,8 @@ def test_reading_gives_the_interval_two_digits() -> None:
 
 
 @pytest.mark.parametrize(("value", "text"), [
-    (0.9968, "0.997"), (0.9999907, "0.99999"), (0.9999999999, "0.9999999"), (-0.04, "0.000"), (None, "–"), (1.0, "1.0000000")])
+    (0.9968, "0.997"), (0.9999907, "0.99999"), (0.9999999999, "0.9999999"), (-0.04, "0.000"), (None, "–"),
+    (1.0, "1.0000000")])
 def test_contraction(value: float | None, text: str) -> None:
     shown = tables.contraction_text(value)
     assert shown.startswith(text)

@@ -91,15 +91,16 @@ def test_all_numbers_of_the_tables_are_there(result: Path) -> None:
     text = read(result).text
     data = read_result(result)
     shown = 0
-    for row in (*tables.recording_rows(data.summary), *tables.parameter_rows(data), *tables.parameter_rows(data, "noise")):
+    rows = (*tables.recording_rows(data.summary), *tables.parameter_rows(data), *tables.parameter_rows(data, "noise"))
+    for row in rows:
         for name, value in vars(row).items():
             if isinstance(value, str) and name not in ("anchor", "name", "channel", "pit", "symbol"):
                 assert value.replace("\u00a0", " ") in text, (row, name)
                 shown += 1
     assert shown == 3 * 11 + 5 * 9
-    for said in ("4.70 µm", "9.40 µm", "20.0 mN", "0.9877", "40\u202f000", "123\u202f456", "0.31", "1.002", "4\u202f321",
-                 "5\u202f678", "0.987", "1\u202f200.2 ± 0.034", "seed 11", "af178aa7c86f", "1.260 MPa", "25.20 MPa", "210.0 s",
-                 "2\u202f700, of which 450 burn-in", "41.3 steps", "23.0 %", "8 of 8", "6.8 s", "12.3 s", "0.43",
+    for said in ("4.70 µm", "9.40 µm", "20.0 mN", "0.9877", "40\u202f000", "123\u202f456", "0.31", "1.002",
+                 "4\u202f321", "5\u202f678", "0.987", "1\u202f200.2 ± 0.034", "seed 11", "af178aa7c86f", "1.260 MPa", "25.20 MPa",
+                 "210.0 s", "2\u202f700, of which 450 burn-in", "41.3 steps", "23.0 %", "8 of 8", "6.8 s", "12.3 s", "0.43",
                  "bayes-dea calibrate 'bench day 3' --model hooke+gm1 --seed 11", "a row's input was in force"):
         assert said in text or any(said in (i["alt"] or "") or said in svg(i) for i in read(result).images()), said
 
@@ -208,7 +209,8 @@ def test_same_files_same_page_and_settings_untouched(result: Path, tmp_path: Pat
 
 def test_a_page_of_21_recordings_stays_below_8_mb(make_result: Make, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
-    folder = make_result(tmp_path, [creep("creep.csv", "identify", rng), sine("fine.csv", "validate", rng, step_s=0.001)])
+    folder = make_result(tmp_path, [creep("creep.csv", "identify", rng),
+                                    sine("fine.csv", "validate", rng, step_s=0.001)])
     write_report(folder)
     size = (folder / "report.html").stat().st_size
     pictures = [len(i["src"] or "") for i in read(folder).images()]

@@ -18,8 +18,8 @@ def test_it_says_what_matters_in_80_columns(result: Path) -> None:
     assert max(len(line) for line in text.splitlines()) <= 80
     flat = " ".join(text.split())
     for said in ("hooke+gm1 on bench day 3", "The sampler converged;", "creep_1000V.csv fitted 40000 4.70 4.70 um 1.00",
-                 "sine_1Hz.csv kept", "relaxation.csv fitted 40000 20.0 20.0 mN", "1 warning:", "- a warning of many words",
-                 "Y ", "MPa", "1.002", "4321", "ESS"):
+                 "sine_1Hz.csv kept", "relaxation.csv fitted 40000 20.0 20.0 mN", "1 warning:",
+                 "- a warning of many words", "Y ", "MPa", "1.002", "4321", "ESS"):
         assert said in flat
 
 

@@ -101,7 +101,8 @@ def one(index: int, seed: int) -> dict[str, Any]:
                            "rmse_m": p.rmse, "chi2": p.chi2_reduced})
     unseen = [r for r in recordings if r["role"] == "validate"]
     return {"index": index, "noise": "white" if index % 2 == 0 else "correlated",
-            "correlation": faults.noise_correlation, "noise_scale": faults.noise_scale, "truth": truth, "inside_90": inside, "z": z,
+            "correlation": faults.noise_correlation, "noise_scale": faults.noise_scale,
+            "truth": truth, "inside_90": inside, "z": z,
             "coverage_90": float(np.mean([r["coverage_90"] for r in unseen])),
             "coverage_50": float(np.mean([r["coverage_50"] for r in unseen])),
             "blocks_90": float(np.mean([r["blocks_90"] for r in unseen])),
