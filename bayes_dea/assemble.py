@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .campaign.schema import Campaign, Recording, Sensor
 from .errors import InputError
-from .forward import simulate
+from .forward import memory, simulate
 from .likelihood.block_group import BlockGroup, build_block_groups
 from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
@@ -275,12 +275,15 @@ def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
         z = posterior.model_part(q, group.specimen)
         values = {k: float(v[0]) for k, v in posterior.model.physical(z).items()}
         gain = float(group.evaluate(posterior.model, z, posterior.zeros_part(q), sigma, rho)[0, 1])
+        recordings = [r.prepared.recording for r in group.records]
         residuals = {}
         for record in group.records:
             p = record.prepared
             if p.recording.role != "identify":
                 continue
-            x = (1 + gain) * simulate(posterior.model, values, p.recording, zeros.get(p.name))
+            x = (1 + gain) * simulate(
+                posterior.model, values, p.recording, zeros.get(p.name), memory(recordings, p.recording)
+            )
             residuals[p.name] = remove_nuisance(p, p.y - x)
         groups.append(group.with_reference(residuals))
     return replace(posterior, groups=tuple(groups))

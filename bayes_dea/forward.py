@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +12,7 @@ from .campaign.schema import Recording
 from .errors import InputError
 from .models.chain import forces, materials_of, strains
 from .models.electrostatics import filled_input, stroke_factor, voltage_drive
-from .models.lags import simulate_modes
+from .models.lags import Drive, simulate_modes
 from .models.model import Model
 from .noise.blocks import BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
@@ -23,34 +26,43 @@ def simulate(
     values: dict[str, float],
     recording: Recording,
     zero_m: float | None = None,
-    previous: Recording | None = None,
+    previous: Recording | Sequence[Recording] | None = None,
 ) -> NDArray[np.float64]:
     """Noise-free output (n,) of a recording in its unit (m or N), without sensor gain and offset.
 
     values: physical parameters by name (SI); constants may be left out. zero_m: position of contact of a
     mechanical recording, by default its first position. previous: the recording whose memory this one inherits
-    when it is not rested. Raises InputError when the geometry is incomplete or the model cannot drive this kind.
+    when it is not rested, or several, oldest first (see `memory`). Raises InputError when the geometry is
+    incomplete or the model cannot drive this kind.
     """
     batch = {name: np.array([float(v)]) for name, v in {**model.priors.fixed, **values}.items()}
     missing = [p.name for p in model.parameters if p.name not in batch]
     if missing:
         raise InputError(f"{model.name} needs values for {', '.join(missing)}")
+    if previous is None or recording.rested:
+        earlier: list[Recording] = []
+    else:
+        earlier = [previous] if isinstance(previous, Recording) else list(previous)
     if recording.is_voltage:
         drive = voltage_drive(recording)
         stroke = stroke_factor(recording.actuator)
         if model.is_linear:
             D, c, T = model.modes_of(batch)
             state = None
-            if not recording.rested and previous is not None:
-                _, state = simulate_modes(voltage_drive(previous), D[0], c[0], T[0])
-                state = state * np.exp(-(recording.rest_before_s or 0.0) / T[0])
+            for before, after in pairwise([*earlier, recording]):
+                _, state = simulate_modes(voltage_drive(before), D[0], c[0], T[0], state)
+                state = state * np.exp(-(after.rest_before_s or 0.0) / T[0])
             strain, _ = simulate_modes(drive, D[0], c[0], T[0], state)
             return strain * stroke
-        dt = drive.dt if recording.hold != "start" else np.concatenate([drive.dt[1:], drive.dt[-1:]])
-        h = np.maximum(dt, 1e-6 * float(np.median(dt[1:])))
-        jump, end = strains(materials_of(model, batch), h, drive.stress)
+        h, stress = past_intervals(earlier, recording)
+        jump, end = strains(
+            materials_of(model, batch),
+            np.concatenate([h, row_durations(drive, recording.hold)]),
+            np.concatenate([stress, drive.stress]),
+        )
+        first, last = jump[0, h.size :], end[0, h.size :]
         share = {"end": 1.0, "start": 0.0, "linear": 0.5}[recording.hold]
-        return (jump[0] + share * (end[0] - jump[0])) * stroke
+        return (first + share * (last - first)) * stroke
     if recording.is_mechanical:
         position = imposed_position(recording)
         zero = float(position[0]) if zero_m is None else zero_m
@@ -65,6 +77,49 @@ def simulate(
             contact,
         )[0]
     raise InputError(f"{recording.name}: kind '{recording.kind}' cannot be simulated by {model.name}")
+
+
+def memory(recordings: Sequence[Recording], recording: Recording) -> tuple[Recording, ...]:
+    """Voltage recordings of the same specimen whose memory `recording` inherits, oldest first.
+
+    The chain goes back, in the campaign's order, to the last one that was rested. Raises InputError when a recording
+    is said not to be rested and nothing comes before it.
+    """
+    chain: list[Recording] = []
+    for r in recordings:
+        if r.name == recording.name:
+            break
+        if r.specimen == recording.specimen and r.is_voltage:
+            chain = [r] if r.rested else [*chain, r]
+    if recording.rested:
+        return ()
+    if not chain:
+        raise InputError(
+            f"{recording.name}: rested = false, but no voltage recording of specimen {recording.specimen} comes before "
+            "it; list the one it follows first, or take rested out"
+        )
+    return tuple(chain)
+
+
+def row_durations(drive: Drive, hold: str) -> NDArray[np.float64]:
+    """How long the stress of each row acts (n,) s; a row that stands for no time gets a millionth of a step."""
+    dt = drive.dt if hold != "start" else np.concatenate([drive.dt[1:], drive.dt[-1:]])
+    return np.maximum(dt, 1e-6 * float(np.median(dt[1:])))
+
+
+def past_intervals(
+    earlier: Sequence[Recording], recording: Recording
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Durations (s) and stresses (Pa) of the recordings before this one, with the rests between them."""
+    h, stress = [np.empty(0)], [np.empty(0)]
+    for before, after in pairwise([*earlier, recording]):
+        drive = voltage_drive(before)
+        h.append(row_durations(drive, before.hold))
+        stress.append(drive.stress)
+        if after.rest_before_s:
+            h.append(np.array([after.rest_before_s]))
+            stress.append(np.zeros(1))
+    return np.concatenate(h), np.concatenate(stress)
 
 
 def imposed_position(recording: Recording) -> NDArray[np.float64]:

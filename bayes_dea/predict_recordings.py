@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from .assemble import Assembled
-from .campaign.schema import Recording
 from .checks import metrics
-from .forward import simulate
+from .forward import memory, simulate
 from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
@@ -173,7 +172,11 @@ def _predict_one(
         for k, v in posterior.model.physical(posterior.model_part(chosen.mean(axis=0)[None], group.specimen)).items()
     }
     x = simulate(
-        posterior.model, centre, r, None if own_zero is None else float(own_zero.mean()), _before(assembled, p)
+        posterior.model,
+        centre,
+        r,
+        None if own_zero is None else float(own_zero.mean()),
+        memory([q.recording for q in assembled.prepared], r),
     )
     if isinstance(group, LinearGroup):
         X = (
@@ -249,18 +252,6 @@ def _predict_one(
 
 def _rate_of(posterior: Posterior, channel: str, p: Prepared) -> int:
     return next(c for c in posterior.channels if c.channel == channel).rates.of(p)
-
-
-def _before(assembled: Assembled, p: Prepared) -> Recording | None:
-    if p.recording.rested:
-        return None
-    before = None
-    for other in assembled.prepared:
-        if other.name == p.name:
-            return before
-        if other.recording.specimen == p.recording.specimen and other.recording.is_voltage:
-            before = other.recording
-    return before
 
 
 def _nuisance_given(

@@ -402,7 +402,7 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
         if not isinstance(table.get(key), str):
             raise InputError(f"{where}: [parameters.{name}] lacks '{key}' (a text)")
     try:
-        prior = Prior(family, numbers[0], (numbers + [0.0])[1], table.get("relative_to"))
+        prior = Prior(family, numbers[0], [*numbers, 0.0][1], table.get("relative_to"))
     except InputError as error:
         raise InputError(f"{where}: [parameters.{name}] {error}") from None
     return Parameter(name, table["unit"], prior, table.get("label", name), table["source"], table.get("ordered"))
@@ -444,7 +444,7 @@ def parse_override(text: str) -> tuple[str, Prior]:
         raise InputError(f"prior '{text}': family '{family}' is unknown; one of {', '.join(FAMILIES)}")
     if len(numbers) != len(FAMILIES[family]):
         raise InputError(f"prior '{text}': {family} takes {' and '.join(FAMILIES[family])}")
-    return match["name"], Prior(family, numbers[0], (numbers + [0.0])[1])
+    return match["name"], Prior(family, numbers[0], [*numbers, 0.0][1])
 
 
 def apply_overrides(

@@ -16,9 +16,12 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from ..forward import POSITION_BLOCKS
+from ..campaign.schema import Recording
+from ..errors import InputError
+from ..forward import POSITION_BLOCKS, memory, past_intervals, row_durations
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
+from ..models.lags import Drive
 from ..models.model import Model
 from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_blocks
 from ..noise.stated import NoiseTerms
@@ -51,12 +54,17 @@ class BlockRecord:
 
 
 def make_block_record(
-    prepared: Prepared, terms: NoiseTerms, rate: int, input_variance: float = 0.0, settings: BlockSettings | None = None
+    prepared: Prepared,
+    terms: NoiseTerms,
+    rate: int,
+    input_variance: float = 0.0,
+    settings: BlockSettings | None = None,
+    earlier: Sequence[Recording] = (),
 ) -> BlockRecord:
     """Cut one recording into blocks and intervals.
 
-    input_variance: scatter of a measured input carried into the output, per sample: it acts on block means, while
-    within a block the model sees the mean of the input only.
+    earlier: recordings whose memory this one inherits. input_variance: scatter of a measured input carried
+    into the output, per sample: it acts on block means, while within a block the model sees the mean of the input only.
     """
     r = prepared.recording
     t = r.time_s
@@ -65,7 +73,9 @@ def make_block_record(
     if r.is_voltage:
         drive = voltage_drive(r)
         blocks = log_blocks(t, drive.stress, settings, y=y, mask=masked)
-        h, stress, place, share = _intervals(drive.dt, drive.stress, blocks, r.hold)
+        h, stress, place, share = _intervals(drive, blocks, r.hold)
+        past, past_stress = past_intervals(earlier, r)
+        h, stress, place = np.concatenate([past, h]), np.concatenate([past_stress, stress]), place + past.size
         contact = 0
         values = stress
     else:
@@ -97,12 +107,10 @@ def make_block_record(
     )
 
 
-def _intervals(dt: NDArray, stress: NDArray, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Intervals of mean stress that cover the recording; rows outside every block become intervals of their own."""
-    n = dt.size
-    if hold == "start":
-        dt = np.concatenate([dt[1:], dt[-1:]])
-    dt = np.maximum(dt, 1e-6 * np.median(dt[1:]))
+    n = drive.n
+    dt = row_durations(drive, hold)
     # a new interval begins where a block begins or ends
     cut = np.unique(np.concatenate([[0], blocks.start, blocks.stop]))
     cut = cut[cut < n]
@@ -113,7 +121,7 @@ def _intervals(dt: NDArray, stress: NDArray, blocks: Blocks, hold: str) -> tuple
     outside = np.flatnonzero(np.cumsum(inside[:-1]) == 0)
     cut = np.union1d(cut, outside)
     h = np.add.reduceat(dt, cut)
-    mean = np.add.reduceat(dt * stress, cut) / h
+    mean = np.add.reduceat(dt * drive.stress, cut) / h
     m = blocks.stop - blocks.start
     extra = {"end": 1.0, "start": -1.0, "linear": 0.0}[hold]
     return h, mean, np.searchsorted(cut, blocks.start), (m + extra) / (2.0 * m)
@@ -320,12 +328,30 @@ def build_block_groups(
     input_variance: Mapping[str, float] | None = None,
     settings: BlockSettings | None = None,
 ) -> list[BlockGroup]:
-    """One group per specimen. input_variance: see `make_block_record`, by recording name."""
+    """One group per specimen. input_variance: see `make_block_record`, by recording name.
+
+    Raises InputError for a mechanical recording that is not rested: what the specimen did between two of them, out of
+    contact, nobody recorded.
+    """
+    recordings = [p.recording for p in prepared]
+    for r in recordings:
+        if r.is_mechanical and not r.rested:
+            raise InputError(
+                f"{r.name}: rested = false is possible for voltage recordings only; join the mechanical "
+                "recordings into one file, or let the specimen rest"
+            )
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]
         records = tuple(
-            make_block_record(p, terms[p.name], rates.of(p), (input_variance or {}).get(p.name, 0.0), settings)
+            make_block_record(
+                p,
+                terms[p.name],
+                rates.of(p),
+                (input_variance or {}).get(p.name, 0.0),
+                settings,
+                memory(recordings, p.recording),
+            )
             for p in members
         )
         groups.append(

@@ -145,8 +145,8 @@ def corner_picture(data: ResultData) -> Picture | None:
     ax.set_ylim(-0.02, n)
     cut = "" if n == len(data.summary["parameters"]) else f" The first {n} parameters are shown."
     caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the "
-               "cross is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings fix "
-               "a combination better than either parameter." + cut)
+               "cross is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings "
+               "fix a combination better than either parameter." + cut)
     return style.picture(figure, caption, "Corner plot of the material parameters")
 
 

@@ -148,4 +148,4 @@ def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArr
     smooth = np.convolve(counts, kernel, mode="valid")
     smooth[(grid < low - step) | (grid > high + step)] = 0.0
     smooth /= max(float(smooth.max()), 1e-300)
-    return smooth.astype(np.float64)
+    return np.array(smooth, dtype=np.float64)

@@ -55,7 +55,8 @@ def _prediction(name: str, role: str, channel: str, t: np.ndarray, drive: np.nda
     uniform = metrics.pit(noise, np.zeros(noise.size), sigma)
     return Prediction(
         name, role, channel, 40_000, chi * sigma, 2 * chi * sigma, 0.98765, chi**2,
-        metrics.coverage(noise, 0, sigma, 0.5), metrics.coverage(noise, 0, sigma, 0.9), 0.43, sigma, 123_456.0 if role == "identify" else 98_765.0,
+        metrics.coverage(noise, 0, sigma, 0.5), metrics.coverage(noise, 0, sigma, 0.9), 0.43, sigma,
+        123_456.0 if role == "identify" else 98_765.0,
         0.31 if role == "identify" else None, t, drive, observed, count, mean, sd_parameters, sd_sample, sd_block,
         mean + 0.1 * sigma * rng.standard_normal((5, t.size)), rng.standard_normal(CHAINS * DRAWS), *tables,
         {"frequency_Hz": s.frequency_Hz.tolist(), "density": s.density.tolist(), "white": [s.white]},

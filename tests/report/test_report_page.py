@@ -98,10 +98,11 @@ def test_all_numbers_of_the_tables_are_there(result: Path) -> None:
                 assert value.replace("\u00a0", " ") in text, (row, name)
                 shown += 1
     assert shown == 3 * 11 + 5 * 9
-    for said in ("4.70 µm", "9.40 µm", "20.0 mN", "0.9877", "40\u202f000", "123\u202f456", "0.31", "1.002",
-                 "4\u202f321", "5\u202f678", "0.987", "1\u202f200.2 ± 0.034", "seed 11", "af178aa7c86f", "1.260 MPa", "25.20 MPa",
-                 "210.0 s", "2\u202f700, of which 450 burn-in", "41.3 steps", "23.0 %", "8 of 8", "6.8 s", "12.3 s", "0.43",
-                 "bayes-dea calibrate 'bench day 3' --model hooke+gm1 --seed 11", "a row's input was in force"):
+    for said in ("4.70 µm", "9.40 µm", "20.0 mN", "0.9877", "40\u202f000", "123\u202f456", "0.31", "1.002", "0.987",
+                 "4\u202f321", "5\u202f678", "1\u202f200.2 ± 0.034", "seed 11", "af178aa7c86f", "1.260 MPa",
+                 "25.20 MPa", "210.0 s", "2\u202f700, of which 450 burn-in", "41.3 steps", "23.0 %", "8 of 8", "6.8 s",
+                 "12.3 s", "0.43", "bayes-dea calibrate 'bench day 3' --model hooke+gm1 --seed 11",
+                 "a row's input was in force"):
         assert said in text or any(said in (i["alt"] or "") or said in svg(i) for i in read(result).images()), said
 
 

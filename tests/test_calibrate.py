@@ -1,0 +1,185 @@
+"""`calibrate` from a folder of recordings to calibration.json, for every kind of structure (CONTRACT 2 and 5)."""
+
+import hashlib
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_dea as bd
+from bayes_dea.find_map import MapSettings
+from bayes_dea.results import plain
+
+STATISTICS = {"mean", "sd", "q05", "q50", "q95", "unit", "map", "rhat", "ess_bulk", "ess_tail", "contraction"}
+SAMPLER = {"walkers", "ensembles", "steps", "tau", "acceptance", "converged"}
+RECORDING = {"recording", "role", "n", "rmse_m", "r2", "chi2_reduced", "coverage_50", "coverage_90", "elpd"}
+ALL = {"model", "parameters", "noise", "sampler", "recordings", "map_log_posterior", "log_evidence", "log_evidence_se",
+       "seconds", "seconds_by", "seed", "version", "inputs", "warnings"}
+
+
+def is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def check_contract(s):
+    """Names and types of calibration.json; the ESS exactly where the sampler converged."""
+    assert set(s) >= ALL
+    assert set(s["sampler"]) >= SAMPLER
+    assert isinstance(s["sampler"]["converged"], bool)
+    assert s["sampler"]["ensembles"] >= 2
+    assert 0 < s["sampler"]["acceptance"] < 1
+    assert is_number(s["seconds"])
+    assert s["seconds"] == pytest.approx(sum(s["seconds_by"].values()), rel=0.5)
+    assert s["seed"] == 1
+    assert s["version"] == bd.__version__
+    assert all(isinstance(w, str) and len(w) > 20 for w in s["warnings"])
+    assert is_number(s["map_log_posterior"])
+    for name, entry in {**s["parameters"], **s["noise"]}.items():
+        assert set(entry) == STATISTICS, name
+        assert isinstance(entry["unit"], str), name
+        for key in ("mean", "sd", "q05", "q50", "q95", "map", "rhat"):
+            assert is_number(entry[key]), (name, key)
+        assert entry["q05"] <= entry["q50"] <= entry["q95"], name
+        assert 0.9 < entry["rhat"], name
+        for key in ("ess_bulk", "ess_tail"):
+            assert is_number(entry[key]) == s["sampler"]["converged"], (name, key)
+            assert entry[key] is None or entry[key] > 400, (name, key)
+    assert all(is_number(e["contraction"]) and e["contraction"] <= 1 for e in s["parameters"].values())
+    for r in s["recordings"]:
+        assert set(r) >= RECORDING, r["recording"]
+        for key in ("coverage_50", "coverage_90"):
+            assert is_number(r[key])
+            assert 0 <= r[key] <= 1
+        assert r["n"] > 100
+        assert is_number(r["rmse_m"]) == (r["channel"] == "displacement")
+        assert is_number(r["rmse_N"] if r["channel"] == "force" else r["rmse_m"])
+        assert r["elpd"] is None or is_number(r["elpd"])
+        assert r["role"] == "identify" or is_number(r["elpd"])
+
+
+def test_json_of_a_converged_run(converged, voltage_campaign):
+    s = converged.summary
+    check_contract(s)
+    assert s["model"] == "hooke+gm1"
+    assert s["sampler"]["converged"]
+    assert list(s["parameters"]) == ["Y_Pa", "k_1_Pa", "tau_1_s"]
+    assert {k: v["unit"] for k, v in s["parameters"].items()} == {"Y_Pa": "Pa", "k_1_Pa": "Pa", "tau_1_s": "s"}
+    assert set(s["noise"]) == {"sigma_displacement_m", "rho_displacement", "gain_displacement"}
+    assert s["noise"]["sigma_displacement_m"]["unit"] == "m"
+    assert all(e["rhat"] < 1.01 for e in {**s["parameters"], **s["noise"]}.values())
+    assert is_number(s["log_evidence"])
+    assert 0 < s["log_evidence_se"] < 0.5
+    roles = {r["recording"]: r["role"] for r in s["recordings"]}
+    assert roles == {"creep_0800V.csv": "identify", "creep_1100V.csv": "identify", "sine_1Hz.csv": "identify",
+                     "creep_1000V.csv": "validate", "rectangle_1Hz.csv": "validate"}
+    assert all(is_number(r["elpd"]) for r in s["recordings"])
+    names = [i["file"] for i in s["inputs"]]
+    assert sorted(names) == sorted(["campaign.toml", *roles])
+    for entry in s["inputs"]:
+        content = (voltage_campaign / entry["file"]).read_bytes()
+        assert entry == {"file": entry["file"], "size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def test_the_bands_hold_what_they_say(converged):
+    for r in converged.summary["recordings"]:
+        # nine hundred to two thousand nearly independent samples: four standard errors and a little misfit
+        assert abs(r["coverage_90"] - 0.9) < 0.04, r
+        assert abs(r["coverage_50"] - 0.5) < 0.06, r
+        assert 0.75 < r["chi2_reduced"] < 1.25, r
+        assert r["rmse_m"] < 5.5e-6
+
+
+def test_what_the_bench_used_is_found_again(converged, voltage_campaign):
+    noise = converged.summary["noise"]["sigma_displacement_m"]
+    assert noise["q05"] < 4.7e-6 * 1.02
+    assert noise["q95"] > 4.7e-6 * 0.98
+    # one branch cannot be the three of the bench; the modulus is within the range of theirs, the gain pays the rest
+    assert 1.0e6 < converged.summary["parameters"]["Y_Pa"]["mean"] < 1.6e6
+
+
+def test_a_run_that_did_not_converge_says_so(unconverged):
+    s = unconverged.summary
+    check_contract(s)
+    assert s["sampler"]["converged"] is False
+    assert s["sampler"]["steps"] == 200
+    said = [w for w in s["warnings"] if "did not converge" in w]
+    assert len(said) == 1
+    assert "max_steps = 200" in said[0]
+    assert "--max-steps" in said[0]
+    assert "did not converge" in unconverged.stdout
+    assert "ESS" not in unconverged.stdout
+    assert "Traceback" not in unconverged.stderr
+    assert "did not converge" in (unconverged.folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_mechanical_recordings_are_part_of_the_fit(unconverged):
+    s = unconverged.summary
+    kinds = {r["recording"]: r for r in s["recordings"]}
+    assert kinds["relaxation.csv"]["channel"] == kinds["compression.csv"]["channel"] == "force"
+    assert set(s["noise"]) == {"sigma_displacement_m", "rho_displacement", "sigma_force_N", "rho_force",
+                               "zero_compression_m", "zero_relaxation_m", "gain_displacement", "gain_force"}
+    assert s["noise"]["sigma_force_N"]["unit"] == "N"
+    assert s["noise"]["zero_relaxation_m"]["unit"] == "m"
+
+
+@pytest.mark.parametrize(("model", "parameters"), [
+    ("hooke", ["Y_Pa"]),
+    ("hooke+gkv2", ["Y_Pa", "k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s"]),
+    ("hooke+gkm2", ["Y_Pa", "k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s", "d0_Pa_s"]),
+    ("ss3", ["A11", "A22", "A33", "A12", "A13", "A23", "B1", "B2", "B3", "C1", "C2"]),
+    ("neohooke", ["mu_Pa"]),
+    ("yeoh+gm1", ["C1_Pa", "C2_Pa", "C3_Pa", "k_1_Pa", "tau_1_s"]),
+    ("gent+gkv1", ["mu_Pa", "J_m", "k_1_Pa", "tau_1_s"]),
+])
+def test_every_kind_of_structure(small_campaign, model, parameters):
+    campaign = bd.load_campaign(small_campaign)
+    settings = bd.CalibrationSettings(map=replace(MapSettings(), swarms=2), predictive_draws=50)
+    settings = replace(settings, sampler=replace(settings.sampler, max_steps=100))
+    with pytest.warns(bd.NotConvergedWarning, match="did not converge"):
+        result = bd.calibrate(campaign, model, seed=1, settings=settings)
+    s = plain(result.summary)
+    check_contract(s)
+    assert not result.converged
+    assert sorted(s["parameters"]) == sorted(parameters)
+    left_out = [w for w in s["warnings"] if "left out" in w and ".csv: " + model in w]
+    if model == "ss3":
+        assert [r["recording"] for r in s["recordings"]] == [
+            "creep_0800V.csv", "creep_1100V.csv", "sine_1Hz.csv", "creep_1000V.csv", "rectangle_1Hz.csv"]
+        assert len(left_out) == 2
+    else:
+        assert len(s["recordings"]) == 7
+        assert not left_out
+    assert all(r["rmse_m"] < 7e-6 for r in s["recordings"] if r["channel"] == "displacement")
+    # the draws behind the summary are those that are stored
+    first = next(iter(s["parameters"]))
+    assert s["parameters"][first]["mean"] == pytest.approx(float(np.mean(result.quantities[first])))
+
+
+def test_a_black_box_leaves_mechanical_recordings_out(small_campaign, calibrated):
+    done = calibrated(small_campaign, "pz3", "--max-steps", 200)
+    check_contract(done.summary)
+    assert set(done.summary["parameters"]) == {"Kp", "Tz_s", "Tp_1_s", "Tp_2_s", "Tp_3_s"}
+    assert all(r["channel"] == "displacement" for r in done.summary["recordings"])
+    said = [w for w in done.summary["warnings"] if "black box" in w]
+    assert len(said) == 2
+    assert any(w.startswith("compression.csv") for w in said)
+    assert "black box" in done.stdout
+
+
+def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
+    campaign = bd.load_campaign(voltage_campaign)
+    settings = bd.CalibrationSettings(predictive_draws=20)
+    settings = replace(settings, sampler=replace(settings.sampler, max_steps=100))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.NotConvergedWarning)
+        fixed = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors={"tau_1_s": bd.Prior("fixed", 0.5)})
+    assert "tau_1_s" not in fixed.parameters
+    assert fixed.summary["priors"]["tau_1_s"]["prior"] == "fixed(0.5)"
+    narrow = {"Y_Pa": bd.Prior("lognormal", 1.1e6, 1e-4)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.NotConvergedWarning)
+        tight = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors=narrow)
+    assert tight.parameters["Y_Pa"]["mean"] == pytest.approx(1.1e6, rel=1e-3)
+    assert tight.parameters["Y_Pa"]["contraction"] < 0.5
