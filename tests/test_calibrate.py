@@ -42,7 +42,7 @@ def check_contract(s):
         for key in ("mean", "sd", "q05", "q50", "q95", "map", "rhat"):
             assert is_number(entry[key]), (name, key)
         assert entry["q05"] <= entry["q50"] <= entry["q95"], name
-        assert 0.9 < entry["rhat"], name
+        assert entry["rhat"] > 0.9, name
         for key in ("ess_bulk", "ess_tail"):
             assert is_number(entry[key]) == s["sampler"]["converged"], (name, key)
             assert entry[key] is None or entry[key] > 400, (name, key)
@@ -129,9 +129,9 @@ def test_mechanical_recordings_are_part_of_the_fit(unconverged):
     ("hooke+gkv2", ["Y_Pa", "k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s"]),
     ("hooke+gkm2", ["Y_Pa", "k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s", "d0_Pa_s"]),
     ("ss3", ["A11", "A22", "A33", "A12", "A13", "A23", "B1", "B2", "B3", "C1", "C2"]),
-    ("neohooke", ["mu_Pa"]),
+    ("neohooke", ["C1_Pa"]),
     ("yeoh+gm1", ["C1_Pa", "C2_Pa", "C3_Pa", "k_1_Pa", "tau_1_s"]),
-    ("gent+gkv1", ["mu_Pa", "J_m", "k_1_Pa", "tau_1_s"]),
+    ("gent+gkv1", ["mu_Pa", "J_lim", "k_1_Pa", "tau_1_s"]),
 ])
 def test_every_kind_of_structure(small_campaign, model, parameters):
     campaign = bd.load_campaign(small_campaign)

@@ -25,6 +25,8 @@ class BlockSettings:
     """How blocks are cut. `per_decade` blocks a decade of time since the last edge."""
 
     single_after_edge: int = 20  # samples after an edge that stay alone
+    # and before one: of correlated noise they tell the size at the edge, without which fast modes lose 3 % in sd
+    single_before_edge: int = 10
     per_decade: float = 22.0
     longest_s: float = 5.0
     input_share: float = 0.015  # change of the input within a block, as a share of its range
@@ -82,17 +84,21 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
         raise InputError(f"blocks: time, input, data and mask must be rows of one length, got {t.shape}, "
                          f"{v.shape}, {data.shape}, {masked.shape}; check the columns of the recording")
     good = np.isfinite(t) & np.isfinite(v) & np.isfinite(data)
-    if min(s.per_decade, s.longest_s, s.input_share) <= 0 or s.single_after_edge < 0:
+    if min(s.per_decade, s.longest_s, s.input_share) <= 0 or min(s.single_after_edge, s.single_before_edge) < 0:
         raise InputError(f"blocks: settings must be positive, got {s}")
     edge = np.zeros(t.size, dtype=np.bool_)
-    edge[find_edges(np.where(good, v, np.nan))] = True
+    at = find_edges(np.where(good, v, np.nan))
+    edge[at] = True
+    alone = np.zeros(t.size, dtype=np.bool_)
+    for k in range(1, s.single_before_edge + 1):
+        alone[np.maximum(np.asarray(at) - k, 0)] = True
     finite = v[good]
     spread = float(finite.max() - finite.min()) if finite.size else 0.0
     # a measured input scatters: what its noise does must not cut blocks
     tolerance = max(s.input_share * spread, 8.0 * input_noise(finite)) if spread > 0 else math.inf
     steps = np.diff(t[good])
     step = float(np.median(steps)) if steps.size else 1.0
-    start, stop = _cut(t, v, good, edge, tolerance, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
+    start, stop = _cut(t, v, good, edge, alone, tolerance, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
                        s.single_after_edge, step)
     count = _counts(masked, start, stop)
     keep = count > 0
@@ -107,7 +113,7 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
 
 
 @njit(cache=True)
-def _cut(t, u, good, edge, tolerance, growth, longest, single, step):
+def _cut(t, u, good, edge, alone, tolerance, growth, longest, single, step):
     n = t.size
     start = np.empty(n, dtype=np.int64)
     stop = np.empty(n, dtype=np.int64)
@@ -135,8 +141,8 @@ def _cut(t, u, good, edge, tolerance, growth, longest, single, step):
         high = u[i]
         j = i + 1
         cut_by_input = False
-        if since >= single:
-            while j < n and good[j] and not edge[j] and t[j] - previous <= allowed:
+        if since >= single and not alone[i]:
+            while j < n and good[j] and not edge[j] and not alone[j] and t[j] - previous <= allowed:
                 low = min(low, u[j])
                 high = max(high, u[j])
                 if high - low > tolerance:

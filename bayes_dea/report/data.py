@@ -20,8 +20,13 @@ Array = NDArray[np.float64]
 _BLOCK_KEYS = ("time_s", "input", "count", "mean", "sd_parameters", "sd_sample", "sd_block")
 #: unit of a channel, and the column that drives it where calibration.json does not say
 CHANNELS = {"displacement": ("m", "voltage_V"), "force": ("N", "position_m"), "capacitance": ("F", "displacement_m")}
-_COLUMN_WORDS = {"displacement": "displacement", "force": "force", "voltage": "voltage", "position": "position",
-                 "capacitance": "capacitance"}
+_COLUMN_WORDS = {
+    "displacement": "displacement",
+    "force": "force",
+    "voltage": "voltage",
+    "position": "position",
+    "capacitance": "capacitance",
+}
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,7 @@ def rmse_of(entry: Mapping[str, Any]) -> tuple[float | None, str]:
     """RMSE of a recording's entry and its unit (``rmse_m``, ``rmse_N``, ...); None with the channel's unit if null."""
     for key, value in entry.items():
         if key.startswith("rmse_") and key != "rmse_raw" and value is not None:
-            return value, key[len("rmse_"):]
+            return value, key[len("rmse_") :]
     return None, CHANNELS.get(str(entry.get("channel")), ("1", ""))[0]
 
 
@@ -160,44 +165,74 @@ def read_result(folder: Path) -> ResultData:
             draws = {k: v for k, v in posterior.items() if v.shape == shape}
             prior = {k: v.ravel() for k, v in _group(file, "prior").items() if v.ndim == 2}
             lp = _group(file, "sample_stats").get("lp", np.empty(shape))
-            recordings = _recordings(summary, _group(file, "observed_data"), _group(file, "constant_data"),
-                                     _group(file, "prior_predictive"))
+            recordings = _recordings(
+                summary, _group(file, "observed_data"), _group(file, "constant_data"), _group(file, "prior_predictive")
+            )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a posterior ({error}); run the calibration again") from error
     except KeyError as error:
-        raise InputError(f"{path}: has no {error.args[0]}, which {CALIBRATION_FILE} beside it speaks of: the two come "
-                         "from different runs. Run the calibration again") from error
+        raise InputError(
+            f"{path}: has no {error.args[0]}, which {CALIBRATION_FILE} beside it speaks of: the two come "
+            "from different runs. Run the calibration again"
+        ) from error
     absent = [name for name in summary["parameters"] if name not in draws]
     if absent:
-        raise InputError(f"{path}: has no draws of {', '.join(absent)}, which {CALIBRATION_FILE} beside it speaks of: "
-                         "the two come from different runs. Run the calibration again")
+        raise InputError(
+            f"{path}: has no draws of {', '.join(absent)}, which {CALIBRATION_FILE} beside it speaks of: "
+            "the two come from different runs. Run the calibration again"
+        )
     return ResultData(summary, draws, prior, lp, recordings)
 
 
 def _group(file: Any, name: str) -> dict[str, Array]:
     if name not in file:
         return {}
-    return {key: np.asarray(item[()], dtype=float) for key, item in file[name].items()
-            if hasattr(item, "dtype") and item.dtype.kind in "fiu"}
+    return {
+        key: np.asarray(item[()], dtype=float)
+        for key, item in file[name].items()
+        if hasattr(item, "dtype") and item.dtype.kind in "fiu"
+    }
 
 
 def _chain_shape(posterior: Mapping[str, Array]) -> tuple[int, ...]:
     return next((v.shape for k, v in posterior.items() if v.ndim == 2), (0, 0))
 
 
-def _recordings(summary: Mapping[str, Any], observed: Mapping[str, Array], constant: Mapping[str, Array],
-                largest: Mapping[str, Array]) -> tuple[RecordingData, ...]:
+def _recordings(
+    summary: Mapping[str, Any],
+    observed: Mapping[str, Array],
+    constant: Mapping[str, Array],
+    largest: Mapping[str, Array],
+) -> tuple[RecordingData, ...]:
     entries = summary["recordings"]
     names = variable_names([e["recording"] for e in entries])
     out = []
     for entry in entries:
         v = names[entry["recording"]]
         blocks = {key: constant[f"{v}__{key}"] for key in _BLOCK_KEYS}
-        tables = {group: {key[len(f"{v}__{group}__"):]: value for key, value in constant.items()
-                          if key.startswith(f"{v}__{group}__")} for group in ("time", "input", "spectrum")}
+        tables = {
+            group: {
+                key[len(f"{v}__{group}__") :]: value
+                for key, value in constant.items()
+                if key.startswith(f"{v}__{group}__")
+            }
+            for group in ("time", "input", "spectrum")
+        }
         peaks = largest.get(f"{variable_name(entry['recording'])}_largest", np.empty(0)).ravel()
-        out.append(RecordingData(
-            entry, observed[v], blocks["time_s"], blocks["input"], blocks["mean"], blocks["sd_sample"],
-            blocks["sd_block"], tables["time"], tables["input"], tables["spectrum"],
-            constant.get(f"{v}__pit_histogram", np.empty(0)), peaks[np.isfinite(peaks)]))
+        out.append(
+            RecordingData(
+                entry,
+                observed[v],
+                blocks["time_s"],
+                blocks["input"],
+                blocks["mean"],
+                blocks["sd_sample"],
+                blocks["sd_block"],
+                tables["time"],
+                tables["input"],
+                tables["spectrum"],
+                constant.get(f"{v}__pit_histogram", np.empty(0)),
+                peaks[np.isfinite(peaks)],
+            )
+        )
     return tuple(out)

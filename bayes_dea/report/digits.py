@@ -12,8 +12,24 @@ _PREFIX = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"
 # largest exponent that reads well: nobody says kiloseconds or megametres
 _LARGEST = {"Pa": 12, "N": 6, "V": 6, "Hz": 9, "ohm": 12, "A": 3, "F": 0, "W": 9, "J": 9, "m": 0, "s": 0}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_ASCII = {"µ": "u", "−": "-", "–": "-", "—": "-", "χ": "chi", "²": "^2", "×": "x", "±": "+-", "σ": "sigma",
-          "ρ": "rho", "τ": "tau", "Ω": "ohm", "≈": "~", "\u202f": "", "\u00a0": " ", "·": " "}
+_ASCII = {
+    "µ": "u",
+    "−": "-",
+    "–": "-",
+    "—": "-",
+    "χ": "chi",
+    "²": "^2",
+    "×": "x",
+    "±": "+-",
+    "σ": "sigma",
+    "ρ": "rho",
+    "τ": "tau",
+    "Ω": "ohm",
+    "≈": "~",
+    "\u202f": "",
+    "\u00a0": " ",
+    "·": " ",
+}
 
 
 @dataclass(frozen=True)

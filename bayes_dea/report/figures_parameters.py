@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,10 @@ from numpy.typing import NDArray
 from . import digits, style
 from .data import ResultData
 from .style import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _CORNER_MOST = 13
 _MOST = 30  # quantities in one picture
@@ -34,8 +40,9 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
     rows = -(-len(names) // columns)
     height = 1.4 * rows + 0.1
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(rows, columns, left=0.03, right=0.965, top=1 - 0.25 / height, bottom=0.52 / height,
-                               hspace=1.15, wspace=0.16)
+    grid = figure.add_gridspec(
+        rows, columns, left=0.03, right=0.965, top=1 - 0.25 / height, bottom=0.52 / height, hspace=1.15, wspace=0.16
+    )
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i // columns, i % columns])
         label, scale = _axis(data, name)
@@ -46,9 +53,11 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
         a, b = (np.log10(prior), np.log10(draws)) if log else (prior, draws)
         low = min(np.quantile(a, 0.005), np.quantile(b, 0.001))
         high = max(np.quantile(a, 0.995), np.quantile(b, 0.999))
-        coarse, fine = np.linspace(low, high, 200), np.linspace(b.min(), b.max(), 120)
-        fine = np.concatenate([[fine[0] - (fine[1] - fine[0])], fine, [fine[-1] + (fine[1] - fine[0])]])
-        before, after = style.smooth_density(a, coarse, 1.3), style.smooth_density(b, fine, 1.2)
+        coarse, fine = (
+            np.linspace(low, high, 200),
+            np.linspace(b.min() - 0.1 * np.ptp(b), b.max() + 0.1 * np.ptp(b), 140),
+        )
+        before, after = style.smooth_density(a, coarse, 1.3, mirror=True), style.smooth_density(b, fine, 1.2)
         x_before, x_after = (10.0**coarse, 10.0**fine) if log else (coarse, fine)
         ax.fill_between(x_before, before, color="#f7e3bd", lw=0)
         ax.plot(x_before, before, color="#a86f00", ls="--", lw=1.1)
@@ -67,9 +76,11 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
         if np.isfinite(narrower):
             words = f"{digits.significant(narrower, 2)} × narrower" if narrower >= 1.15 else "as wide as the prior"
             ax.set_xlabel(words, loc="right", labelpad=1, color="#555555", fontsize=8)
-    caption = ("Prior (dashed, filled) and posterior (blue) of every parameter, each drawn to the same height. A blue "
-               "needle in a wide prior: the recordings speak. Blue as wide as the prior: they say nothing, and what "
-               "you read off is the prior. The number is how many times narrower the posterior is.")
+    caption = (
+        "Prior (dashed, filled) and posterior (blue) of every parameter, each drawn to the same height. A blue "
+        "needle in a wide prior: the recordings speak. Blue as wide as the prior: they say nothing, and what "
+        "you read off is the prior. The number is how many times narrower the posterior is."
+    )
     return style.picture(figure, caption, "Prior and posterior densities of all parameters")
 
 
@@ -77,7 +88,6 @@ def corner_picture(data: ResultData) -> Picture | None:
     """Pairs of material parameters: 50 and 90 % regions; None for fewer than two."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Rectangle
-    from scipy.ndimage import gaussian_filter
 
     names = _varying(data, list(data.summary["parameters"]))[:_CORNER_MOST]
     n = len(names)
@@ -89,15 +99,13 @@ def corner_picture(data: ResultData) -> Picture | None:
     ax = figure.add_axes((0.12, 0.115, 0.875, 0.88))
     ax.set_axis_off()
     gap, bins = 0.06, 48
-    draws, limits, ticks, labels = [], [], [], []
+    draws, spans, labels = [], [], []
     for name in names:
         label, scale = _axis(data, name)
         v = data.posterior[name].ravel() / scale.factor
-        low, high = np.quantile(v, [0.001, 0.999])
-        low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)
-        draws.append((v - low) / (high - low))
-        limits.append((low, high))
-        ticks.append(_inner_ticks(low, high))
+        span = _Span.of(v)
+        draws.append(span.place(v))
+        spans.append(span)
         labels.append(label)
     font = 9.0 if n <= 8 else 7.5
     segments, size = [], 1 - gap
@@ -105,14 +113,14 @@ def corner_picture(data: ResultData) -> Picture | None:
         for column in range(row + 1):
             x0, y0 = float(column), float(n - 1 - row)
             ax.add_patch(Rectangle((x0, y0), size, size, fill=False, ec="#bbbbbb", lw=0.6))
-            for value in ticks[column]:
-                x = x0 + size * _unit(value, limits[column])
+            for value in spans[column].ticks():
+                x = x0 + size * spans[column].place(value)
                 segments.append([(x, y0), (x, y0 + 0.03)])
             if row != column:
-                for value in ticks[row]:
-                    y = y0 + size * _unit(value, limits[row])
+                for value in spans[row].ticks():
+                    y = y0 + size * spans[row].place(value)
                     segments.append([(x0, y), (x0 + 0.03, y)])
-                _region(ax, gaussian_filter, draws[column], draws[row], x0, y0, size, bins)
+                _region(ax, draws[column], draws[row], x0, y0, size, bins)
             else:
                 centre = np.linspace(0, 1, 80)
                 density = style.smooth_density(draws[row], centre, 1.2)
@@ -123,35 +131,69 @@ def corner_picture(data: ResultData) -> Picture | None:
         for column in range(row + 1, n):
             r = float(np.corrcoef(draws[row], draws[column])[0, 1])
             # the mirror image of each panel holds its correlation, heavier where it is stronger
-            ax.text(column + size / 2, n - 1 - row + size / 2, f"{r:+.2f}".replace("-", "−"), ha="center", va="center",
-                    fontsize=font + 1, color=style.BLACK if abs(r) > 0.5 else style.GREY,
-                    fontweight="bold" if abs(r) > 0.8 else "normal")
+            ax.text(
+                column + size / 2,
+                n - 1 - row + size / 2,
+                f"{r:+.2f}".replace("-", "−"),
+                ha="center",
+                va="center",
+                fontsize=font + 1,
+                color=style.BLACK if abs(r) > 0.5 else style.GREY,
+                fontweight="bold" if abs(r) > 0.8 else "normal",
+            )
     ax.add_collection(LineCollection(segments, colors="#555555", linewidths=0.6))
     for i, name in enumerate(names):
-        texts = _tick_texts(ticks[i])
-        for value, text in zip(ticks[i], texts, strict=True):
-            at = size * _unit(value, limits[i])
+        ticks = spans[i].ticks()
+        for value, text in zip(ticks, _tick_texts(ticks), strict=True):
+            at = size * spans[i].place(value)
             ax.text(i + at, -0.008 * n, text, ha="right", va="top", fontsize=font, rotation=40, rotation_mode="anchor")
             if i > 0:
                 ax.text(-0.008 * n, n - 1 - i + at, text, ha="right", va="center", fontsize=font)
         ax.text(i + size / 2, -0.085 * n, labels[i], ha="center", va="top", fontsize=font + 1)
         if i > 0:
-            ax.text(-0.105 * n, n - 1 - i + size / 2, labels[i], ha="center", va="center", rotation=90,
-                    fontsize=font + 1)
+            ax.text(
+                -0.105 * n, n - 1 - i + size / 2, labels[i], ha="center", va="center", rotation=90, fontsize=font + 1
+            )
         best = data.entry(name).get("map")
         if digits.is_number(best):
-            _mark_map(ax, data, names, limits, i, size, n)
+            _mark_map(ax, data, names, spans, i, size, n)
     ax.set_xlim(-0.02, n)
     ax.set_ylim(-0.02, n)
     cut = "" if n == len(data.summary["parameters"]) else f" The first {n} parameters are shown."
-    caption = ("Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the "
-               "cross is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings "
-               "fix a combination better than either parameter." + cut)
+    caption = (
+        "Pairs of material parameters: the dark region holds 50 % of the posterior, the light one 90 %; the "
+        "cross is the MAP; the mirror image gives the correlation. Long thin regions mean that the recordings "
+        "fix a combination better than either parameter." + cut
+    )
     return style.picture(figure, caption, "Corner plot of the material parameters")
 
 
-def _unit(value: float, limits: tuple[float, float]) -> float:
-    return (value - limits[0]) / (limits[1] - limits[0])
+@dataclass(frozen=True)
+class _Span:
+    """Axis of one parameter, from 0 to 1; logarithmic where the posterior spans a factor of six."""
+
+    low: float
+    high: float
+    log: bool
+
+    @classmethod
+    def of(cls, v: NDArray) -> _Span:
+        q05, q95 = np.quantile(v, [0.05, 0.95])
+        log = bool(v.min() > 0 and q95 > 6 * q05)
+        low, high = np.quantile(np.log10(v) if log else v, [0.001, 0.999])
+        pad = 0.08 * (high - low)
+        return cls(float(low - pad), float(high + pad), log)
+
+    def place(self, value: Any) -> Any:
+        return ((np.log10(value) if self.log else value) - self.low) / (self.high - self.low)
+
+    def ticks(self) -> NDArray[np.float64]:
+        """Two round values well inside."""
+        if not self.log:
+            return _inner_ticks(self.low, self.high)
+        pad = 0.14 * (self.high - self.low)
+        inside = style.log_ticks(10.0 ** (self.low + pad), 10.0 ** (self.high - pad), 9)
+        return np.array([inside[0], inside[-1]])
 
 
 def _inner_ticks(low: float, high: float) -> NDArray[np.float64]:
@@ -167,7 +209,7 @@ def _inner_ticks(low: float, high: float) -> NDArray[np.float64]:
 
 
 def _tick_texts(values: NDArray) -> list[str]:
-    decimals = digits.decimals_for(float(np.ptp(values)), 1)
+    decimals = digits.decimals_for(min(float(np.ptp(values)), float(np.abs(values).min()) or np.inf), 1)
     for more in range(4):
         texts = [digits.fixed(float(v), decimals + more) for v in values]
         if all(abs(round(float(v), decimals + more) - v) < 0.02 * np.ptp(values) for v in values):
@@ -175,33 +217,53 @@ def _tick_texts(values: NDArray) -> list[str]:
     return texts
 
 
-def _region(ax: object, smooth: object, x: NDArray, y: NDArray, x0: float, y0: float, size: float, bins: int) -> None:
+def _region(ax: Axes, x: NDArray, y: NDArray, x0: float, y0: float, size: float, bins: int) -> None:
+    from scipy.ndimage import gaussian_filter
+
     counts = np.histogram2d(x, y, bins, ((0, 1), (0, 1)))[0]
-    density = smooth(counts, 1.6, mode="constant")  # type: ignore[operator]
+    density = gaussian_filter(counts, 1.6, mode="constant")
     ordered = np.sort(density.ravel())[::-1]
     mass = np.cumsum(ordered) / ordered.sum()
     inner, outer = (float(ordered[np.searchsorted(mass, level)]) for level in (0.5, 0.9))
     if not density.max() > inner > outer > 0:
         return
     centre = size * (np.arange(bins) + 0.5) / bins
-    ax.contourf(x0 + centre, y0 + centre, density.T, levels=[outer, inner, density.max() * 1.01],  # type: ignore[attr-defined]
-                colors=[style.BAND_90, style.BAND_50])
-    ax.contour(x0 + centre, y0 + centre, density.T, levels=[outer, inner], colors=[style.BLUE],  # type: ignore[attr-defined]
-               linewidths=0.7)
+    ax.contourf(
+        x0 + centre,
+        y0 + centre,
+        density.T,
+        levels=[outer, inner, density.max() * 1.01],
+        colors=[style.BAND_90, style.BAND_50],
+    )
+    ax.contour(
+        x0 + centre,
+        y0 + centre,
+        density.T,
+        levels=[outer, inner],
+        colors=[style.BLUE],
+        linewidths=0.7,
+    )
 
 
-def _mark_map(ax: object, data: ResultData, names: list[str], limits: list[tuple[float, float]], i: int, size: float,
-              n: int) -> None:
+def _mark_map(ax: Axes, data: ResultData, names: list[str], spans: list[_Span], i: int, size: float, n: int) -> None:
     at = []
-    for name, limit in zip(names, limits, strict=True):
+    for name, span in zip(names, spans, strict=True):
         best = data.entry(name).get("map")
         scale = _axis(data, name)[1]
-        at.append(_unit(best / scale.factor, limit) if digits.is_number(best) else float("nan"))
+        at.append(float(span.place(best / scale.factor)) if digits.is_number(best) else float("nan"))
     xs = [c + size * at[c] for c in range(i)]
     ys = [n - 1 - i + size * at[i]] * i
     inside = [k for k in range(i) if 0 <= at[k] <= 1 and 0 <= at[i] <= 1]
-    ax.plot([xs[k] for k in inside], [ys[k] for k in inside], ls="", marker="+", ms=7, mew=1.1,  # type: ignore[attr-defined]
-            color=style.VERMILLION, zorder=5)
+    ax.plot(
+        [xs[k] for k in inside],
+        [ys[k] for k in inside],
+        ls="",
+        marker="+",
+        ms=7,
+        mew=1.1,
+        color=style.VERMILLION,
+        zorder=5,
+    )
 
 
 def trace_picture(data: ResultData) -> Picture | None:
@@ -211,8 +273,9 @@ def trace_picture(data: ResultData) -> Picture | None:
         return None
     height = 0.5 * len(names) + 0.75
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(len(names), 1, left=0.2, right=0.965, top=1 - 0.3 / height, bottom=0.42 / height,
-                               hspace=0.22)
+    grid = figure.add_gridspec(
+        len(names), 1, left=0.2, right=0.965, top=1 - 0.3 / height, bottom=0.42 / height, hspace=0.22
+    )
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i, 0])
         values = data.lp if name == "lp" else data.posterior[name]
@@ -228,8 +291,10 @@ def trace_picture(data: ResultData) -> Picture | None:
         if i == len(names) - 1:
             ax.set_xlabel("draw")
     _chain_legend(figure, data.posterior[names[0]].shape[0])
-    caption = ("Draws in the order in which they were made, one line an ensemble. They should look like the same grass "
-               "everywhere: no drift, no stretch in which one ensemble stays away from the other.")
+    caption = (
+        "Draws in the order in which they were made, one line an ensemble. They should look like the same grass "
+        "everywhere: no drift, no stretch in which one ensemble stays away from the other."
+    )
     return style.picture(figure, caption, "Traces of the sampled quantities by ensemble")
 
 
@@ -241,8 +306,9 @@ def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture 
     rows = -(-len(names) // columns)
     height = 1.1 * rows + 0.75
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(rows, columns, left=0.02, right=0.98, top=1 - 0.52 / height, bottom=0.42 / height,
-                               hspace=0.55, wspace=0.1)
+    grid = figure.add_gridspec(
+        rows, columns, left=0.02, right=0.98, top=1 - 0.52 / height, bottom=0.42 / height, hspace=0.55, wspace=0.1
+    )
     for i, name in enumerate(names):
         ax = figure.add_subplot(grid[i // columns, i % columns])
         values = data.lp if name == "lp" else data.posterior[name]
@@ -267,8 +333,10 @@ def rank_picture(data: ResultData, columns: int = 3, bins: int = 20) -> Picture 
         if i + columns >= len(names):
             ax.set_xlabel("rank among all draws", labelpad=2)
     _chain_legend(figure, data.posterior[names[0]].shape[0])
-    caption = ("Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey "
-               "band; a slope or a hump says that one ensemble has been elsewhere.")
+    caption = (
+        "Where each ensemble's draws rank among all draws. Both lines should wander about 1 inside the grey "
+        "band; a slope or a hump says that one ensemble has been elsewhere."
+    )
     return style.picture(figure, caption, "Rank histograms of the sampled quantities by ensemble")
 
 
@@ -285,12 +353,18 @@ def _styles(count: int) -> list[tuple[str, str]]:
     return [style.CHAIN_STYLES[i % len(style.CHAIN_STYLES)] for i in range(count)]
 
 
-def _chain_legend(figure: object, chains: int) -> None:
+def _chain_legend(figure: Figure, chains: int) -> None:
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], color=color, ls=line, lw=1.3) for color, line in _styles(chains)]
-    figure.legend(handles, [f"ensemble {i + 1}" for i in range(chains)], loc="upper right", ncols=min(chains, 4),  # type: ignore[attr-defined]
-                  bbox_to_anchor=(0.985, 1.0), borderaxespad=0.15)
+    figure.legend(
+        handles,
+        [f"ensemble {i + 1}" for i in range(chains)],
+        loc="upper right",
+        ncols=min(chains, 4),
+        bbox_to_anchor=(0.985, 1.0),
+        borderaxespad=0.15,
+    )
 
 
 def prior_predictive_picture(data: ResultData) -> Picture | None:
@@ -300,8 +374,9 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
         return None
     height = 0.62 * len(shown) + 0.75
     figure = style.new_figure(height)
-    grid = figure.add_gridspec(len(shown), 1, left=0.26, right=0.97, top=1 - 0.32 / height, bottom=0.12 / height + 0.1,
-                               hspace=1.1)
+    grid = figure.add_gridspec(
+        len(shown), 1, left=0.26, right=0.97, top=1 - 0.32 / height, bottom=0.12 / height + 0.1, hspace=1.1
+    )
     for i, r in enumerate(shown):
         ax = figure.add_subplot(grid[i, 0])
         peaks = r.prior_largest[r.prior_largest > 0]
@@ -319,11 +394,23 @@ def prior_predictive_picture(data: ResultData) -> Picture | None:
         name = r.name if len(r.name) <= 24 else r.name[:22] + "…"
         ax.set_ylabel(f"{name}\n/ {scale.unit}", rotation=0, ha="right", va="center", fontsize=8.5)
     from matplotlib.lines import Line2D
-    handles = [Line2D([], [], color="#7a5200", marker="|", ms=8, lw=0), Line2D([], [], color="#f0c878", lw=6),
-               Line2D([], [], color=style.BLUE, marker="D", ms=6, lw=0)]
-    figure.legend(handles, ["draw from the prior", "90 % of them", "measured"], loc="upper right", ncols=3,
-                  bbox_to_anchor=(0.985, 1.0), borderaxespad=0.1)
-    caption = ("Largest output of a recording as draws from the prior predict it, before any recording was seen, and "
-               "as measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if "
-               "the ticks span many powers of ten, the prior is vaguer than it need be.")
+
+    handles = [
+        Line2D([], [], color="#7a5200", marker="|", ms=8, lw=0),
+        Line2D([], [], color="#f0c878", lw=6),
+        Line2D([], [], color=style.BLUE, marker="D", ms=6, lw=0),
+    ]
+    figure.legend(
+        handles,
+        ["draw from the prior", "90 % of them", "measured"],
+        loc="upper right",
+        ncols=3,
+        bbox_to_anchor=(0.985, 1.0),
+        borderaxespad=0.1,
+    )
+    caption = (
+        "Largest output of a recording as draws from the prior predict it, before any recording was seen, and "
+        "as measured. The diamond should lie among the ticks: if it does not, the prior or a unit is wrong; if "
+        "the ticks span many powers of ten, the prior is vaguer than it need be."
+    )
     return style.picture(figure, caption, "Prior predictions of the largest output beside the measured one")

@@ -59,14 +59,21 @@ def fit_picture(r: RecordingData) -> Picture:
     detail = detail_of(r.time_s, r.input)
     scale = digits.scale_for(float(np.nanmax(np.abs(r.observed))), r.unit)
     figure = style.new_figure(4.1)
-    grid = figure.add_gridspec(2, 2, left=0.1, right=0.965, top=0.915, bottom=0.115, hspace=0.14, wspace=0.13,
-                               width_ratios=(1.25, 1), height_ratios=(1.9, 1))
+    grid = figure.add_gridspec(
+        2,
+        2,
+        left=0.1,
+        right=0.965,
+        top=0.915,
+        bottom=0.115,
+        hspace=0.14,
+        wspace=0.2 if detail.log else 0.13,
+        width_ratios=(1.25, 1),
+        height_ratios=(1.9, 1),
+    )
     observed, mean, sd = r.observed / scale.factor, r.mean / scale.factor, r.sd_sample / scale.factor
     with np.errstate(divide="ignore", invalid="ignore"):
         z = (r.observed - r.mean) / r.sd_block
-    low = min(np.nanmin(mean - 2.2 * sd), np.nanmin(observed))
-    high = max(np.nanmax(mean + 2.2 * sd), np.nanmax(observed))
-    margin = 0.03 * (high - low)
     limit = max(3.6, 1.08 * float(np.nanmax(np.abs(z))))
     for column in (0, 1):
         inside = np.ones(len(r.time_s), bool)
@@ -79,7 +86,11 @@ def fit_picture(r: RecordingData) -> Picture:
         chosen = thinned_dots(shown, z)
         _bands(top, x, mean, sd, thinned_line(shown, mean))
         style.dots(top, x[chosen], observed[chosen], 1.8)
-        top.set_ylim(low - margin, high + margin)
+        # the hold has its own range: creep is a small part of the stroke
+        within = shown if detail.log else np.arange(len(x))
+        low = min(np.nanmin((mean - 2.2 * sd)[within]), np.nanmin(observed[within]))
+        high = max(np.nanmax((mean + 2.2 * sd)[within]), np.nanmax(observed[within]))
+        top.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
         bottom.axhspan(-Z90, Z90, color=style.BAND_90, lw=0)
         bottom.axhspan(-Z50, Z50, color=style.BAND_50, lw=0)
         bottom.axhline(0, color=style.BLUE, lw=0.8)
@@ -96,7 +107,7 @@ def fit_picture(r: RecordingData) -> Picture:
         top.tick_params(labelbottom=False)
         bottom.set_xlabel("time since last edge / s" if column and detail.log else "time / s")
         if column == 1:
-            top.tick_params(labelleft=False)
+            top.tick_params(labelleft=detail.log)
             bottom.tick_params(labelleft=False)
         else:
             top.set_ylabel(f"{r.channel} / {scale.unit}")
@@ -106,10 +117,12 @@ def fit_picture(r: RecordingData) -> Picture:
     inside_90 = float(np.mean(np.abs(z[np.isfinite(z)]) <= Z90))
     worst = int(np.nanargmax(np.abs(z)))
     word = "fitted" if r.fitted else "never fitted"
-    caption = (f"Measured (dots; {word}) and predicted (line with bands) over time; right: {detail.words}. Below, each "
-               f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the "
-               f"light band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
-               f"{digits.significant(float(r.time_s[worst]), 3)} s.")
+    caption = (
+        f"Measured (dots; {word}) and predicted (line with bands) over time; right: {detail.words}. Below, each "
+        f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the "
+        f"light band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
+        f"{digits.significant(float(r.time_s[worst]), 3)} s."
+    )
     return style.picture(figure, caption, f"{r.name}: measured against predicted over time, and residuals")
 
 
@@ -142,10 +155,21 @@ def _legend(figure: Figure) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles = [Line2D([], [], color=style.BLACK, marker="o", markersize=2.5, lw=0), Line2D([], [], color=style.BLUE),
-               Patch(color=style.BAND_50), Patch(color=style.BAND_90)]
-    figure.legend(handles, ["measured", "predicted", "50 % band", "90 % band"], loc="upper left", ncols=4,
-                  bbox_to_anchor=(0.085, 1.005), borderaxespad=0.2, columnspacing=1.4)
+    handles = [
+        Line2D([], [], color=style.BLACK, marker="o", markersize=2.5, lw=0),
+        Line2D([], [], color=style.BLUE),
+        Patch(color=style.BAND_50),
+        Patch(color=style.BAND_90),
+    ]
+    figure.legend(
+        handles,
+        ["measured", "predicted", "50 % band", "90 % band"],
+        loc="upper left",
+        ncols=4,
+        bbox_to_anchor=(0.085, 1.005),
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
 
 
 def residual_picture(r: RecordingData) -> Picture:
@@ -155,18 +179,22 @@ def residual_picture(r: RecordingData) -> Picture:
     word, unit = r.input_column
     drive = digits.scale_for(float(np.nanmax(np.abs(r.input))) or None, unit)
     _binned(figure.add_subplot(grid[0, 0]), r.by_time, 1.0, "time / s", "over time")
-    _binned(figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}",
-            marks=True)
+    _binned(
+        figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}", marks=True
+    )
     _spectrum(figure.add_subplot(grid[1, 0]), r)
     _pit(figure.add_subplot(grid[1, 1]), r)
-    caption = (f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 "
-               f"expected) stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; "
-               f"dashed: RMS, 1 expected. {_spectrum_words(r)} PIT: {_pit_words(r)}.")
+    caption = (
+        f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 "
+        f"expected) stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; "
+        f"dashed: RMS, 1 expected. {_spectrum_words(r)} PIT: {_pit_words(r)}."
+    )
     return style.picture(figure, caption, f"{r.name}: residuals over time and by {word}, spectrum, PIT histogram")
 
 
-def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str,
-            marks: bool = False) -> None:
+def _binned(
+    ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str, marks: bool = False
+) -> None:
     edges, mean = table["edges"] / factor, table["mean"]
     rms, se, count = table["rms"], table["mean_se"], table["count"]
     centre = (edges[1:] + edges[:-1]) / 2
@@ -176,8 +204,9 @@ def _binned(ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, 
     ax.vlines(centre[good], (mean - 2 * se)[good], (mean + 2 * se)[good], color=style.BLUE, lw=1.0)
     style.dots(ax, centre[good], mean[good], 3.0, style.BLUE)
     if marks:
-        ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=0.9, marker="s", ms=3, mfc="white",
-                mew=0.9)
+        ax.plot(
+            centre[good], rms[good], color=style.VERMILLION, ls="--", lw=0.9, marker="s", ms=3, mfc="white", mew=0.9
+        )
     else:
         ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=1.1)
     largest = float(np.max(np.concatenate([(np.abs(mean) + 2 * se)[good], rms[good], [1.0]]))) if good.any() else 1.0
@@ -241,8 +270,10 @@ def _spectrum_words(r: RecordingData) -> str:
     if density.size < 2 or not (white.size and white[0] > 0 and density.max() > 0):
         return "Spectrum: too few samples."
     top = int(np.argmax(density))
-    return (f"Spectrum: at most {digits.significant(float(density[top] / white[0]), 2)} times that of white noise, at "
-            f"{digits.quantity(float(r.spectrum['frequency_Hz'][top]), 'Hz', 2)}.")
+    return (
+        f"Spectrum: at most {digits.significant(float(density[top] / white[0]), 2)} times that of white noise, at "
+        f"{digits.quantity(float(r.spectrum['frequency_Hz'][top]), 'Hz', 2)}."
+    )
 
 
 def _pit_words(r: RecordingData) -> str:
@@ -250,5 +281,7 @@ def _pit_words(r: RecordingData) -> str:
     if not counts.sum() > 0:
         return "no samples"
     height = counts / counts.mean()
-    return (f"between {digits.fixed(float(height.min()), 2)} and {digits.fixed(float(height.max()), 2)}, 1 expected in "
-            "every bin")
+    return (
+        f"between {digits.fixed(float(height.min()), 2)} and {digits.fixed(float(height.max()), 2)}, 1 expected in "
+        "every bin"
+    )

@@ -43,8 +43,13 @@ def render(data: ResultData) -> str:
     """The page as HTML."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
-                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters["breakable"] = tables.breakable
     return environment.get_template(_TEMPLATE).render(context(data))
 
@@ -65,22 +70,39 @@ def context(data: ResultData) -> dict[str, Any]:
         }
     origin = tables.origin_of(meta)
     return {
-        "model": s["model"], "campaign": s.get("campaign") or "campaign", "version": s.get("version") or __version__,
-        "seed": s.get("seed"), "converged": data.converged, "verdict": verdict(s),
-        "origin": origin, "simulated": any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
+        "model": s["model"],
+        "campaign": s.get("campaign") or "campaign",
+        "version": s.get("version") or __version__,
+        "seed": s.get("seed"),
+        "converged": data.converged,
+        "verdict": verdict(s),
+        "origin": origin,
+        "simulated": any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
         "warnings": [str(w) for w in s.get("warnings") or []],
-        "rows": rows, "views": views, "pictures": pictures,
-        "fitted": sum(r.fitted for r in rows), "kept": sum(not r.fitted for r in rows),
+        "rows": rows,
+        "views": views,
+        "pictures": pictures,
+        "fitted": sum(r.fitted for r in rows),
+        "kept": sum(not r.fitted for r in rows),
         "samples": digits.fixed(sum(r.get("n") or 0 for r in s["recordings"])),
-        "parameters": tables.parameter_rows(data), "noise": tables.parameter_rows(data, "noise"),
-        "noise_levels": _noise_levels(data), "sensors": _sensor_rows(s),
-        "sources": tables.source_rows(data), "conventions": tables.convention_rows(s), "command": command_of(s),
-        "inputs": tables.input_rows(s), "meta": tables.meta_rows(meta), "health": _health(data),
-        "same": tables.same_function_rows(data), "same_form": (s.get("same_function") or {}).get("form", ""),
-        "here_form": _form_of(s), "evidence": digits.fixed(s.get("log_evidence"), 1),
+        "parameters": tables.parameter_rows(data),
+        "noise": tables.parameter_rows(data, "noise"),
+        "noise_levels": _noise_levels(data),
+        "sensors": _sensor_rows(s),
+        "sources": tables.source_rows(data),
+        "conventions": tables.convention_rows(s),
+        "command": command_of(s),
+        "inputs": tables.input_rows(s),
+        "meta": tables.meta_rows(meta),
+        "health": _health(data),
+        "same": tables.same_function_rows(data),
+        "same_form": (s.get("same_function") or {}).get("form", ""),
+        "here_form": _form_of(s),
+        "evidence": digits.fixed(s.get("log_evidence"), 1),
         "evidence_se": digits.significant(s.get("log_evidence_se"), 2),
         "map_log_posterior": digits.fixed(s.get("map_log_posterior"), 1),
-        "phases": tables.phase_rows(s), "seconds": digits.significant(s.get("seconds"), 3),
+        "phases": tables.phase_rows(s),
+        "seconds": digits.significant(s.get("seconds"), 3),
     }
 
 
@@ -106,7 +128,7 @@ def _noise_levels(data: ResultData) -> list[tuple[str, str]]:
         if name.startswith("sigma_"):
             scale, decimals = tables.reading(e)
             low, high = (digits.fixed(scale(e[k]), decimals) for k in ("q05", "q95"))
-            channel = name[len("sigma_"):].rsplit("_", 1)[0].replace("_", " ")
+            channel = name[len("sigma_") :].rsplit("_", 1)[0].replace("_", " ")
             out.append((channel, f"{digits.fixed(scale(e['q50']), decimals)} {scale.unit} (90 %: {low} – {high})"))
     return out
 
@@ -116,8 +138,11 @@ def _sensor_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     units = {"displacement": "m", "force": "N", "position": "m", "voltage": "V", "capacitance": "F"}
     rows = []
     for sensor, stated in (summary.get("sensors") or {}).items():
-        said = [f"{key} {digits.quantity(value, units.get(sensor, '1'))}" for key, value in stated.items()
-                if digits.is_number(value)]
+        said = [
+            f"{key} {digits.quantity(value, units.get(sensor, '1'))}"
+            for key, value in stated.items()
+            if digits.is_number(value)
+        ]
         if said:
             rows.append((str(sensor), ", ".join(said)))
     return rows
@@ -133,23 +158,40 @@ def _health(data: ResultData) -> list[tuple[str, str, str]]:
     sampler, search = data.summary["sampler"], data.summary.get("search") or {}
     steps, tau = sampler.get("steps"), sampler.get("tau")
     reason = "" if sampler.get("reason") in (None, "converged") else str(sampler["reason"])
-    rows = [("Converged", "yes" if data.converged else "no", reason),
-            ("Ensembles × walkers", f"{sampler.get('ensembles')} × {sampler.get('walkers')}",
-             "started apart from each other"),
-            ("Steps", f"{digits.fixed(steps)}, of which {digits.fixed(sampler.get('burn_in'))} burn-in", "")]
+    rows = [
+        ("Converged", "yes" if data.converged else "no", reason),
+        (
+            "Ensembles × walkers",
+            f"{sampler.get('ensembles')} × {sampler.get('walkers')}",
+            "started apart from each other",
+        ),
+        ("Steps", f"{digits.fixed(steps)}, of which {digits.fixed(sampler.get('burn_in'))} burn-in", ""),
+    ]
     if digits.is_number(tau):
-        rows.append(("Autocorrelation time τ", f"{digits.significant(tau, 3)} steps",
-                     f"steps / τ = {digits.significant(steps / tau, 2)}; more than 50 after burn-in"))
+        rows.append(
+            (
+                "Autocorrelation time τ",
+                f"{digits.significant(tau, 3)} steps",
+                f"steps / τ = {digits.significant(steps / tau, 2)}; more than 50 after burn-in",
+            )
+        )
     else:
         rows.append(("Autocorrelation time τ", digits.MISSING, "too few steps to tell"))
-    rows += [("Acceptance", f"{digits.percent(sampler.get('acceptance'))} %", "10 to 50 % is healthy"),
-             ("Largest R-hat", digits.fixed(sampler.get("rhat_max"), 4), "below 1.01")]
+    rows += [
+        ("Acceptance", f"{digits.percent(sampler.get('acceptance'))} %", "10 to 50 % is healthy"),
+        ("Largest R-hat", digits.fixed(sampler.get("rhat_max"), 4), "below 1.01"),
+    ]
     if data.converged:
         entries = [*data.summary["parameters"].values(), *data.summary["noise"].values()]
         ess = [e[k] for e in entries for k in ("ess_bulk", "ess_tail") if digits.is_number(e.get(k))]
         rows.append(("Smallest ESS", digits.fixed(min(ess)) if ess else digits.MISSING, "above 400"))
     rows.append(("Evaluations", digits.fixed(sampler.get("evaluations")), "of the log posterior"))
     if search:
-        rows.append(("Swarms at the same maximum", f"{search.get('agree')} of {search.get('swarms')}",
-                     "all of them: no other maximum was found"))
+        rows.append(
+            (
+                "Swarms at the same maximum",
+                f"{search.get('agree')} of {search.get('swarms')}",
+                "all of them: no other maximum was found",
+            )
+        )
     return rows

@@ -25,14 +25,34 @@ CHAIN_STYLES = ((BLUE, "-"), (VERMILLION, "--"), (GREEN, "-."), (ORANGE, ":"), (
 WIDTH_IN = 6.7  # 640 CSS pixels: shown at its own size from the narrowest screen on
 
 _RC: dict[str, Any] = {
-    "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5,
-    "legend.fontsize": 8.5, "legend.frameon": False, "legend.handlelength": 1.6, "font.family": "sans-serif",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": "#555555",
-    "axes.unicode_minus": True, "axes.formatter.useoffset": False, "axes.formatter.use_mathtext": False,
-    "lines.linewidth": 1.3, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.color": "#333333",
-    "ytick.color": "#333333", "axes.grid": False, "svg.fonttype": "none", "svg.hashsalt": "bayes-dea",
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "font.family": "sans-serif",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.edgecolor": "#555555",
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.use_mathtext": False,
+    "lines.linewidth": 1.3,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.color": "#333333",
+    "ytick.color": "#333333",
+    "axes.grid": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "bayes-dea",
     "text.parse_math": False,  # a file may be called "$1.csv"
-    "path.simplify": True, "path.simplify_threshold": 0.3, "figure.dpi": 96.0,
+    "path.simplify": True,
+    "path.simplify_threshold": 0.3,
+    "figure.dpi": 96.0,
 }
 
 
@@ -71,8 +91,11 @@ def picture(figure: Figure, caption: str, alt: str) -> Picture:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     # a tenth of a point is finer than a screen shows; it halves the page
-    text = re.sub(r' d="([^"]+)"', lambda m: ' d="' + re.sub(r"(\.\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
-                  buffer.getvalue())
+    text = re.sub(
+        r' d="([^"]+)"',
+        lambda m: ' d="' + re.sub(r"(\.\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
+        buffer.getvalue(),
+    )
     width, height = figure.get_size_inches() * 96
     source = "data:image/svg+xml;base64," + base64.b64encode(text.encode()).decode()
     return Picture(source, caption, alt, round(width), round(height))
@@ -91,21 +114,22 @@ def dots(ax: Axes, x: NDArray, y: NDArray, size: float = 2.2, color: str = BLACK
     codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(points) // 2)
     path = Path(points, codes)
     path.should_simplify = False
-    patch = PathPatch(path, fill=False, edgecolor=color, linewidth=size, capstyle="round", zorder=zorder,
-                      transform=ax.transData)
+    patch = PathPatch(
+        path, fill=False, edgecolor=color, linewidth=size, capstyle="round", zorder=zorder, transform=ax.transData
+    )
     ax.add_artist(patch)  # unlike add_patch it leaves the limits alone, which every caller sets
 
 
 def log_ticks(low: float, high: float, most: int = 5) -> NDArray[np.float64]:
     """Ticks for a logarithmic axis: decades, thinned to `most`, or 1-2-5 steps within few decades."""
     first, last = int(np.ceil(np.log10(low) - 1e-9)), int(np.floor(np.log10(high) + 1e-9))
-    decades = 10.0 ** np.arange(first, last + 1)
+    decades = np.power(10.0, np.arange(first, last + 1))
     if len(decades) >= 3:
-        return decades[::max(1, -(-len(decades) // most))]
+        return np.asarray(decades[:: max(1, -(-len(decades) // most))], dtype=np.float64)
     series = np.array([m * 10.0**e for e in range(first - 1, last + 1) for m in (1, 2, 5)])
     inside = series[(series >= low) & (series <= high)]
     if len(inside) >= 2:
-        return inside[::max(1, -(-len(inside) // most))]
+        return inside[:: max(1, -(-len(inside) // most))]
     return np.unique([float(f"{low:.2g}"), float(f"{high:.2g}")])
 
 
@@ -130,8 +154,11 @@ def set_log_x(ax: Axes, low: float, high: float, most: int = 5) -> None:
     ax.xaxis.set_minor_locator(NullLocator())
 
 
-def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArray[np.float64]:
-    """Gaussian kernel density of values on an even grid, largest value one. Silverman's width times `factor`."""
+def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0, mirror: bool = False) -> NDArray[np.float64]:
+    """Gaussian kernel density of values on an even grid, largest value one. Silverman's width times `factor`.
+
+    mirror: reflect at the extremes, so that a uniform density does not sink at its ends.
+    """
     v = values[np.isfinite(values)]
     low, high = float(v.min()), float(v.max())
     if v.size < 2 or np.ptp(v) == 0:
@@ -142,10 +169,10 @@ def smooth_density(values: NDArray, grid: NDArray, factor: float = 1.0) -> NDArr
     width = max(0.9 * factor * spread * v.size**-0.2, 0.75 * step)
     reach = int(np.ceil(4 * width / step))
     edges = grid[0] + step * (np.arange(-reach, len(grid) + reach + 1) - 0.5)
-    # mirrored at the ends, or the density of a uniform prior would sink where the prior does not
-    counts = np.histogram(np.concatenate([v, 2 * low - v, 2 * high - v]), edges)[0].astype(float)
+    counts = np.histogram(np.concatenate([v, 2 * low - v, 2 * high - v]) if mirror else v, edges)[0].astype(float)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
     smooth = np.convolve(counts, kernel, mode="valid")
-    smooth[(grid < low - step) | (grid > high + step)] = 0.0
+    if mirror:
+        smooth[(grid < low - step) | (grid > high + step)] = 0.0
     smooth /= max(float(smooth.max()), 1e-300)
     return np.array(smooth, dtype=np.float64)

@@ -49,8 +49,13 @@ def _parameters(summary: Mapping[str, Any], width: int) -> list[str]:
         def of(key: str, e: Mapping[str, Any] = e, scale: digits.Scale = scale, decimals: int = decimals) -> str:
             return digits.fixed(scale(e[key]), decimals) if digits.is_number(e.get(key)) else digits.MISSING
 
-        row = [_bare(name, str(e.get("unit", "1"))), of("q50"), f"{of('q05')} .. {of('q95')}", scale.unit,
-               digits.fixed(e.get("rhat"), 3)]
+        row = [
+            _bare(name, str(e.get("unit", "1"))),
+            of("q50"),
+            f"{of('q05')} .. {of('q95')}",
+            scale.unit,
+            digits.fixed(e.get("rhat"), 3),
+        ]
         if converged:
             row.append(digits.fixed(e.get("ess_bulk")))
         rows.append(row)
@@ -74,9 +79,18 @@ def _recordings(summary: Mapping[str, Any], width: int) -> list[str]:
         def of(value: Any, scale: digits.Scale = scale) -> str:
             return digits.significant(scale(value), 3) if digits.is_number(value) else digits.MISSING
 
-        rows.append([str(r["recording"]), "fitted" if r.get("role") == "identify" else "kept", digits.fixed(r.get("n")),
-                     of(rmse), of(r.get("noise_floor")), scale.unit, digits.significant(r.get("chi2_reduced"), 3),
-                     digits.percent(r.get("coverage_90"))])
+        rows.append(
+            [
+                str(r["recording"]),
+                "fitted" if r.get("role") == "identify" else "kept",
+                digits.fixed(r.get("n")),
+                of(rmse),
+                of(r.get("noise_floor")),
+                scale.unit,
+                digits.significant(r.get("chi2_reduced"), 3),
+                digits.percent(r.get("coverage_90")),
+            ]
+        )
     return _table(head, rows, "llrrrlrr", width)
 
 
@@ -99,4 +113,4 @@ def _short(text: str, width: int) -> str:
     if len(text) <= width:
         return text
     head = (width - 2) // 2
-    return text[:head] + ".." + text[len(text) - (width - 2 - head):]
+    return text[:head] + ".." + text[len(text) - (width - 2 - head) :]

@@ -6,9 +6,27 @@ import re
 
 from markupsafe import Markup
 
-_GREEK = {"alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "eta": "η", "theta": "θ",
-          "kappa": "κ", "lambda": "λ", "mu": "µ", "nu": "ν", "xi": "ξ", "rho": "ρ", "sigma": "σ", "tau": "τ",
-          "phi": "φ", "omega": "ω", "zeta": "ζ", "infty": "∞"}
+_GREEK = {
+    "alpha": "α",
+    "beta": "β",
+    "gamma": "γ",
+    "delta": "δ",
+    "epsilon": "ε",
+    "eta": "η",
+    "theta": "θ",
+    "kappa": "κ",
+    "lambda": "λ",
+    "mu": "µ",
+    "nu": "ν",
+    "xi": "ξ",
+    "rho": "ρ",
+    "sigma": "σ",
+    "tau": "τ",
+    "phi": "φ",
+    "omega": "ω",
+    "zeta": "ζ",
+    "infty": "∞",
+}
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _CHANNEL_UNITS = ("m", "N", "V", "F", "A", "C", "1")
 
@@ -24,7 +42,7 @@ def parts(name: str, label: str | None = None) -> tuple[str, str]:
         return label, ""
     for head, symbol in (("sigma_", "σ"), ("rho_", "ρ"), ("gain_", "gain"), ("zero_", "zero")):
         if name.startswith(head):
-            words = name[len(head):].split("_")
+            words = name[len(head) :].split("_")
             if head in ("sigma_", "zero_") and len(words) > 1 and words[-1] in _CHANNEL_UNITS:
                 words = words[:-1]
             return symbol, " ".join(words)

@@ -16,15 +16,29 @@ from . import digits
 from .data import ResultData, rmse_of
 
 _WORDS = {
-    "hold": ("Hold of the input", {"end": "a row's input was in force during the interval that ends at its time",
-                                   "start": "a row's input is in force from its time on",
-                                   "linear": "the input runs straight from row to row"}),
-    "residuals": ("Residuals, RMSE, coverage", {"after_offset_and_gain": "after the recording's own offset and gain",
-                                                "raw": "as recorded, without offset and gain"}),
-    "voltage_strain": ("Strain of voltage recordings", {"layers": "displacement / (layers × layer thickness)",
-                                                        "stack_height": "displacement / stack height"}),
-    "mechanical_strain": ("Strain of mechanical recordings", {"stack_height": "travel after contact / stack height",
-                                                              "layers": "travel after contact / active height"}),
+    "hold": (
+        "Hold of the input",
+        {
+            "end": "a row's input was in force during the interval that ends at its time",
+            "start": "a row's input is in force from its time on",
+            "linear": "the input runs straight from row to row",
+        },
+    ),
+    "residuals": (
+        "Residuals, RMSE, coverage",
+        {
+            "after_offset_and_gain": "after the recording's own offset and gain",
+            "raw": "as recorded, without offset and gain",
+        },
+    ),
+    "voltage_strain": (
+        "Strain of voltage recordings",
+        {"layers": "displacement / (layers × layer thickness)", "stack_height": "displacement / stack height"},
+    ),
+    "mechanical_strain": (
+        "Strain of mechanical recordings",
+        {"stack_height": "travel after contact / stack height", "layers": "travel after contact / active height"},
+    ),
     "stress": ("Stress", {"true": "true stress (incompressible)", "nominal": "nominal stress"}),
     "memory": ("Memory between recordings", {"rested": "each starts rested", "continued": "carried on"}),
     "fluctuation": ("Stated fluctuation", {"statement": "a prior; the recordings decide", "fixed": "taken as it is"}),
@@ -32,8 +46,13 @@ _WORDS = {
     "mains": ("Mains", {"in_noise": "part of the noise model", "ignored": "ignored"}),
     "plausibility": ("Implausible values", {"error": "refused", "warn": "warned about"}),
 }
-_PHASES = {"assemble": "reading, noise and sufficient statistics", "map": "search of the maximum (particle swarm)",
-           "sample": "sampling (emcee)", "evidence": "evidence (bridge sampling)", "predict": "predictions and bands"}
+_PHASES = {
+    "assemble": "reading, noise and sufficient statistics",
+    "map": "search of the maximum (particle swarm)",
+    "sample": "sampling (emcee)",
+    "evidence": "evidence (bridge sampling)",
+    "predict": "predictions and bands",
+}
 
 
 @dataclass(frozen=True)
@@ -65,14 +84,25 @@ def _parameter_row(data: ResultData, name: str) -> ParameterRow:
     draws = data.prior_of(name)
     span = ""
     if draws is not None and np.ptp(draws) > 0:
-        q = np.quantile(draws[np.isfinite(draws)], [0.05, 0.95])
-        span = f"{digits.significant(scale(float(q[0])), 2)} –\u00a0{digits.significant(scale(float(q[1])), 2)}"
+        low, high = (float(q) for q in np.quantile(draws[np.isfinite(draws)], [0.05, 0.95]))
+        if max(abs(low), abs(high)) / scale.factor < 1e5:
+            span = f"{digits.significant(scale(low), 2)} –\u00a0{digits.significant(scale(high), 2)}"
+        else:  # far from the posterior: a unit of its own reads better than many digits
+            unit = str(e.get("unit", "1"))
+            span = f"{digits.quantity(low, unit, 2)} –\u00a0{digits.quantity(high, unit, 2)}"
     return ParameterRow(
-        name, data.html(name), scale.unit, _shown(e.get("q50"), scale, decimals),
+        name,
+        data.html(name),
+        scale.unit,
+        _shown(e.get("q50"), scale, decimals),
         f"{_shown(e.get('q05'), scale, decimals)} –\u00a0{_shown(e.get('q95'), scale, decimals)}",
         _shown(e.get("map"), scale, decimals),
-        prior_words(str(prior.get("prior", "")), str(prior.get("unit", "")), data.plain), span,
-        contraction_text(e.get("contraction")), digits.fixed(e.get("rhat"), 3), ess_text(e, data.converged))
+        prior_words(str(prior.get("prior", "")), str(prior.get("unit", "")), data.plain),
+        span,
+        contraction_text(e.get("contraction")),
+        digits.fixed(e.get("rhat"), 3),
+        ess_text(e, data.converged),
+    )
 
 
 def reading(entry: Mapping[str, Any]) -> tuple[digits.Scale, int]:
@@ -83,7 +113,9 @@ def reading(entry: Mapping[str, Any]) -> tuple[digits.Scale, int]:
         return digits.scale_for(None, unit), 3
     # what is compatible with zero is scaled by its width: a median of 1e-9 is not meant in nano
     scale = digits.scale_for(max(abs(q50), 0.3 * (q95 - q05)), unit)
-    return scale, digits.decimals_for(scale((q95 - q05) / 3.29))
+    # of a skewed posterior the narrow side sets the digits
+    narrow = min(q95 - q50, q50 - q05) or (q95 - q05) / 2
+    return scale, digits.decimals_for(scale(narrow / 1.645))
 
 
 def _shown(value: Any, scale: digits.Scale, decimals: int) -> str:
@@ -162,17 +194,33 @@ def recording_rows(summary: Mapping[str, Any]) -> list[RecordingRow]:
         scale = digits.scale_for(rmse, unit)
         chi2, cover = r.get("chi2_reduced"), r.get("coverage_90")
         doubtful = (digits.is_number(chi2) and not CHI2_LOW <= chi2 <= CHI2_HIGH) or (
-            digits.is_number(cover) and not COVERAGE_LOW <= cover <= COVERAGE_HIGH)
+            digits.is_number(cover) and not COVERAGE_LOW <= cover <= COVERAGE_HIGH
+        )
 
         def of(value: Any, scale: digits.Scale = scale) -> str:
             return digits.significant(scale(value), 3) if digits.is_number(value) else digits.MISSING
 
-        rows.append(RecordingRow(
-            f"recording-{i + 1}", str(r["recording"]), r.get("role") == "identify", str(r.get("channel", "")),
-            digits.fixed(r.get("n")), scale.unit, of(rmse), of(r.get("rmse_raw")), of(r.get("noise_floor")),
-            _r2(r.get("r2")), digits.significant(chi2, 3), digits.percent(r.get("coverage_50")), digits.percent(cover),
-            digits.significant(r.get("pit_p_value"), 2), digits.fixed(r.get("elpd")),
-            digits.fixed(r.get("pareto_k"), 2), doubtful))
+        rows.append(
+            RecordingRow(
+                f"recording-{i + 1}",
+                str(r["recording"]),
+                r.get("role") == "identify",
+                str(r.get("channel", "")),
+                digits.fixed(r.get("n")),
+                scale.unit,
+                of(rmse),
+                of(r.get("rmse_raw")),
+                of(r.get("noise_floor")),
+                _r2(r.get("r2")),
+                digits.significant(chi2, 3),
+                digits.percent(r.get("coverage_50")),
+                digits.percent(cover),
+                digits.significant(r.get("pit_p_value"), 2),
+                digits.fixed(r.get("elpd")),
+                digits.fixed(r.get("pareto_k"), 2),
+                doubtful,
+            )
+        )
     return rows
 
 
@@ -202,8 +250,10 @@ def phase_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, float]]:
 
 def input_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """File, size, first digits of its SHA-256, the whole of it."""
-    return [(str(i.get("file", "")), _bytes(i.get("size")), str(i.get("sha256", ""))[:12], str(i.get("sha256", "")))
-            for i in summary.get("inputs") or []]
+    return [
+        (str(i.get("file", "")), _bytes(i.get("size")), str(i.get("sha256", ""))[:12], str(i.get("sha256", "")))
+        for i in summary.get("inputs") or []
+    ]
 
 
 def _bytes(size: Any) -> str:
@@ -241,8 +291,7 @@ def same_function_rows(data: ResultData) -> list[tuple[Markup, str, str]]:
     for name, value in ((data.summary.get("same_function") or {}).get("parameters") or {}).items():
         entry = data.entry(name)
         unit = str(entry.get("unit") or name.rsplit("_", 1)[-1])
-        rows.append((data.html(name), digits.quantity(entry.get("map"), unit, 4),
-                     digits.quantity(value, unit, 4)))
+        rows.append((data.html(name), digits.quantity(entry.get("map"), unit, 4), digits.quantity(value, unit, 4)))
     return rows
 
 

@@ -35,10 +35,13 @@ def verdict(summary: Mapping[str, Any]) -> Verdict:
     worst = _worst(recordings)
     if worst is not None:
         rmse, unit = rmse_of(worst)
-        clauses.append(f"the worst recording, {worst['recording']}, is met to {digits.quantity(rmse, unit)} RMS where "
-                       f"the noise floor is {digits.quantity(worst.get('noise_floor'), unit)}")
-    kept = [r["coverage_90"] for r in recordings
-            if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))]
+        clauses.append(
+            f"the worst recording, {worst['recording']}, is met to {digits.quantity(rmse, unit)} RMS where "
+            f"the noise floor is {digits.quantity(worst.get('noise_floor'), unit)}"
+        )
+    kept = [
+        r["coverage_90"] for r in recordings if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))
+    ]
     if kept:
         mean = sum(kept) / len(kept)
         word = "the one recording" if len(kept) == 1 else f"the {len(kept)} recordings"
@@ -72,11 +75,15 @@ def _left_out(recordings: list[Mapping[str, Any]]) -> tuple[bool, str]:
     low = sorted((n for n, c in chi2.items() if c < CHI2_LOW), key=lambda n: chi2[n])
     if high:
         others = f" and {len(high) - 1} more" if len(high) > 1 else ""
-        return True, (f"something seems to be left out on {high[0]}{others} (reduced χ² "
-                      f"{digits.significant(chi2[high[0]], 3)} where 1 is expected)")
+        return True, (
+            f"something seems to be left out on {high[0]}{others} (reduced χ² "
+            f"{digits.significant(chi2[high[0]], 3)} where 1 is expected)"
+        )
     if low:
         others = f" and {len(low) - 1} more" if len(low) > 1 else ""
-        return True, (f"the noise of {low[0]}{others} seems overstated (reduced χ² "
-                      f"{digits.significant(chi2[low[0]], 2)} where 1 is expected)")
+        return True, (
+            f"the noise of {low[0]}{others} seems overstated (reduced χ² "
+            f"{digits.significant(chi2[low[0]], 2)} where 1 is expected)"
+        )
     span = dict.fromkeys(digits.fixed(f(chi2.values()), 2) for f in (min, max))
     return False, f"nothing seems to be left out (reduced χ² {'–'.join(span)})"

@@ -20,6 +20,7 @@ from .timing import interleaved
 
 Array = NDArray[np.float64]
 REFERENCE = "bayes-dea kernel"
+_solve: Any = solve_ivp  # its stubs do not know keyword tables
 
 
 class Network:
@@ -60,8 +61,8 @@ def piecewise(network: Network, s: Signal, method: str, rtol: float, atol: float
         jac = {"jac": A} if method in ("Radau", "LSODA", "BDF") else {}
         if method == "LSODA":
             jac = {"jac": lambda time, x: A}
-        solution = solve_ivp(slope, (p.start, p.stop), state, method=method, t_eval=rows, rtol=rtol, atol=atol, **jac)
-        out[begin:stop] = network.strain(solution.y[:, :stop - begin], factor * volts[begin:stop]**2)
+        solution = _solve(slope, (p.start, p.stop), state, method=method, t_eval=rows, rtol=rtol, atol=atol, **jac)
+        out[begin:stop] = network.strain(solution.y[:, : stop - begin], factor * volts[begin:stop] ** 2)
         state = solution.y[:, -1]
         begin = stop
     return out * stroke_factor(s.recording.actuator)
@@ -88,7 +89,7 @@ def on_the_record(network: Network, s: Signal) -> Array:
 
 def by_lsim(network: Network, s: Signal) -> Array:
     """scipy.signal.lsim on the state space of the network."""
-    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"]**2
+    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"] ** 2
     system = (network.A, network.B[:, None], network.C[None, :], np.array([[network.D]]))
     return lsim(system, stress, s.recording.time_s)[1].ravel() * stroke_factor(s.recording.actuator)
 
@@ -97,7 +98,7 @@ def by_control(network: Network, s: Signal) -> Array:
     """control.forced_response on the same state space."""
     import control
 
-    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"]**2
+    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"] ** 2
     system = control.ss(network.A, network.B[:, None], network.C[None, :], [[network.D]])
     answer = control.forced_response(system, s.recording.time_s, stress)
     return np.asarray(answer.outputs).ravel() * stroke_factor(s.recording.actuator)
@@ -106,7 +107,7 @@ def by_control(network: Network, s: Signal) -> Array:
 def by_lfilters(modes: tuple[float, Array, Array], s: Signal) -> Array:
     """One scipy lfilter for each mode, input held."""
     D, c, T = modes
-    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"]**2
+    stress = stress_factor(s.recording.actuator) * s.recording.columns["voltage_V"] ** 2
     step = s.recording.time_s[1] - s.recording.time_s[0]
     out = D * stress
     for cj, Tj in zip(c, T, strict=True):
@@ -130,7 +131,9 @@ def methods(signals: tuple[Signal, ...], with_control: bool = True) -> dict[str,
     out: dict[str, Callable[[], list[Array]]] = {
         REFERENCE: lambda: [simulate_modes(d, *modes)[0] for d in drives],
         "bayes-dea kernel, hold linear": lambda: [simulate_modes(d, *modes)[0] for d in linear],
-        "bayes_dea.simulate, from V and parameters": lambda: [bd.simulate(model, TRUTH, s.recording) for s in signals],
+        "bayes_dea.simulate, from V and parameters": lambda: [
+            bd.simulate(model, TRUTH, s.recording) for s in signals
+        ],
         "three lfilters": lambda: [by_lfilters(modes, s) for s in signals],
         "solve_ivp LSODA, piecewise": lambda: [piecewise(network, s, "LSODA", 1e-6, 1e-10) for s in signals],
         "solve_ivp Radau, piecewise": lambda: [piecewise(network, s, "Radau", 1e-6, 1e-10) for s in signals],
@@ -152,10 +155,17 @@ def measure(signals: tuple[Signal, ...], rounds: int, with_control: bool = True)
     """Table of one problem: median ms, ratio to the kernel, largest error in um against the exact answer."""
     truth = exact(signals)
     table = methods(signals, with_control)
-    errors = {name: max(float(np.abs(a - b).max()) for a, b in zip(call(), truth, strict=True)) * 1e6
-              for name, call in table.items()}
+    errors = {
+        name: max(float(np.abs(a - b).max()) for a, b in zip(call(), truth, strict=True)) * 1e6
+        for name, call in table.items()
+    }
     volts = [np.array(s.recording.columns["voltage_V"]) for s in signals]
     timed = interleaved({**table, "copy of the array (floor)": lambda: [v.copy() for v in volts]}, REFERENCE, rounds)
-    return {"samples": int(sum(v.size for v in volts)), "reference": REFERENCE,
-            "methods": {name: {"ms": 1e3 * timed.median(name), "ratio": timed.ratio(name), "error_um": errors.get(name)}
-                        for name in timed.seconds}}
+    return {
+        "samples": int(sum(v.size for v in volts)),
+        "reference": REFERENCE,
+        "methods": {
+            name: {"ms": 1e3 * timed.median(name), "ratio": timed.ratio(name), "error_um": errors.get(name)}
+            for name in timed.seconds
+        },
+    }

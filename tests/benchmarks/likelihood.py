@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba as nb
@@ -82,12 +83,12 @@ class EverySample:
             v[R] += xy - xx
             v[r] = oy - x1
             yy += ryy - 2 * xy + xx
-            logdet += n * math.log(2 * math.pi * sigma**2) + (n - 1) * math.log1p(-rho**2)
+            logdet += n * math.log(2 * math.pi * sigma**2) + (n - 1) * math.log1p(-(rho**2))
         sd = np.append(self.offset_sd, self.group.gain_sd)
         A = np.eye(R + 1) + sd[:, None] * M * sd
         L = np.linalg.cholesky(A)
         z = np.linalg.solve(L, sd * v)
-        return -0.5 * (yy - z @ z + logdet + 2 * float(np.log(np.diag(L)).sum()))
+        return -0.5 * (yy - float(z @ z) + logdet + 2 * float(np.log(np.diag(L)).sum()))
 
     def __call__(self, q: Array) -> Array:
         """(B,) log likelihood at coordinates (B, d)."""
@@ -105,7 +106,7 @@ class EverySample:
         total = 0.0
         for drive, y in zip(self.drives, self.y, strict=True):
             r = y - simulate_modes(drive, float(D[0]), c[0], T[0])[0]
-            total += -0.5 * (y.size * math.log(2 * math.pi * sigma[0]**2) + float(r @ r) / sigma[0]**2)
+            total += -0.5 * (y.size * math.log(2 * math.pi * sigma[0] ** 2) + float(r @ r) / sigma[0] ** 2)
         return total
 
 
@@ -131,36 +132,53 @@ def pints_likelihood(every: EverySample, lsim_model: bool) -> Any:
             D, c, T = model.modes_of({k: np.array([v]) for k, v in values.items()})
             return simulate_modes(every.drives[self.i], float(D[0]), c[0], T[0])[0]
 
-    return pints.SumOfIndependentLogPDFs([
-        pints.GaussianLogLikelihood(pints.SingleOutputProblem(Actuator(i), p.recording.time_s, p.y))
-        for i, p in enumerate(every.group.fitted)])
+    # the name changed with PINTS 0.6
+    total = getattr(pints, "SumOfIndependentLogLikelihoods", None) or pints.SumOfIndependentLogPDFs
+    return total(
+        [
+            pints.GaussianLogLikelihood(pints.SingleOutputProblem(Actuator(i), p.recording.time_s, p.y))
+            for i, p in enumerate(every.group.fitted)
+        ]
+    )
 
 
-def spread(found: MapResult, posterior: Posterior, rng: np.random.Generator, ensembles: int = 2, walkers: int = 32) -> Array:
-    """Points (ensembles, walkers, d) drawn from the normal approximation at the maximum, where the prior allows them."""
+def spread(
+    found: MapResult, posterior: Posterior, rng: np.random.Generator, ensembles: int = 2, walkers: int = 32
+) -> Array:
+    """Points (ensembles, walkers, d) from the normal approximation at the maximum, where the prior allows them."""
     factor = np.linalg.cholesky(laplace_covariance(found, posterior, rng))
     out = np.empty((ensembles, walkers, posterior.dimension))
     for e in range(ensembles):
         need = np.arange(walkers)
         while need.size:
-            out[e, need] = found.x + (1.2, 0.8)[e % 2] * rng.standard_normal((need.size, posterior.dimension)) @ factor.T
+            out[e, need] = (
+                found.x + (1.2, 0.8)[e % 2] * rng.standard_normal((need.size, posterior.dimension)) @ factor.T
+            )
             need = need[~np.isfinite(posterior.log_prob(out[e, need]))]
     return out
 
 
-def start(campaign: bd.Campaign, seed: int = 1, spec: str = "hooke+gm3") -> tuple[Assembled, Posterior, MapResult, Array]:
+def start(
+    campaign: bd.Campaign, seed: int = 1, spec: str = "hooke+gm3"
+) -> tuple[Assembled, Posterior, MapResult, Array]:
     """Posterior of a campaign, its maximum, and 32 points spread around it as the sampler's walkers are."""
     assembled = assemble(campaign, bd.build_model(spec))
     rng = np.random.default_rng(seed)
-    found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), rng,
-                                refresh=assembled.refresh if assembled.has_blocks else None)
+    found, posterior = find_map(
+        assembled.posterior,
+        assembled.search_model,
+        list(assembled.search_groups),
+        rng,
+        refresh=assembled.refresh if assembled.has_blocks else None,
+    )
     q = spread(found, posterior, rng)[0]
     return assembled, posterior, found, q
 
 
-def methods(assembled: Assembled, posterior: Posterior, found: MapResult, q: Array, with_pints: bool = True
-            ) -> tuple[dict[str, Callable[[], Any]], dict[str, Callable[[Array], Array]], dict[str, int]]:
-    """Calls without arguments to time, the same as functions of (B, d) to compare, and evaluations a timed call makes."""
+def methods(
+    assembled: Assembled, posterior: Posterior, found: MapResult, q: Array, with_pints: bool = True
+) -> tuple[dict[str, Callable[[], Any]], dict[str, Callable[[Array], Array]], dict[str, int]]:
+    """Calls to time, the same as functions of (B, d) to compare, and how many evaluations a timed call makes."""
     every = EverySample(assembled)
     group = every.group
     gram = group.gram_fitted
@@ -173,16 +191,36 @@ def methods(assembled: Assembled, posterior: Posterior, found: MapResult, q: Arr
     # the level of the noise inside the blocks is taken from the full residual at the maximum, as in the tool
     values = posterior.model.modes(posterior.model_part(found.x[None]))
     gain = float(posterior.group_terms(found.x[None], group)[0, 1])
-    blocks = blocks.with_reference({p.name: remove_nuisance(p, p.y - (1 + gain) * simulate_modes(
-        d, float(values[0][0]), values[1][0], values[2][0])[0]) for p, d in zip(group.fitted, every.drives, strict=True)})
+    blocks = blocks.with_reference(
+        {
+            p.name: remove_nuisance(
+                p, p.y - (1 + gain) * simulate_modes(d, float(values[0][0]), values[1][0], values[2][0])[0]
+            )
+            for p, d in zip(group.fitted, every.drives, strict=True)
+        }
+    )
 
     def by_blocks(q: Array) -> Array:
         s, r = posterior.noise_part(q, "displacement")
         return np.asarray(blocks.evaluate(posterior.model, posterior.model_part(q), {}, s, r)[:, 0])
 
     def bare() -> None:
-        evaluate(vectors, sd, rho, gram.total, gram.steps, gram.rates, gram.pairs, gram.chains, gram.n, gram.side,
-                 gram.inner, gram.nuisance_precision, gram.gain_sd, out)
+        evaluate(
+            vectors,
+            sd,
+            rho,
+            gram.total,
+            gram.steps,
+            gram.rates,
+            gram.pairs,
+            gram.chains,
+            gram.n,
+            gram.side,
+            gram.inner,
+            gram.nuisance_precision,
+            gram.gain_sd,
+            out,
+        )
 
     calls: dict[str, Callable[[], Any]] = {
         REFERENCE: lambda: posterior.log_prob(q),
@@ -194,19 +232,34 @@ def methods(assembled: Assembled, posterior: Posterior, found: MapResult, q: Arr
         "every sample, compiled": lambda: every(q[:2]),
     }
     counts = {name: len(q) for name in calls}
-    counts |= {"Gram, posterior.log_prob, 16 at once": 16, "Gram, posterior.log_prob, one alone": 1, "every sample, compiled": 2}
-    functions = {"Gram": posterior.log_likelihood, "every sample": every, "block means": by_blocks}
+    counts |= {
+        "Gram, posterior.log_prob, 16 at once": 16,
+        "Gram, posterior.log_prob, one alone": 1,
+        "every sample, compiled": 2,
+    }
+    functions: dict[str, Callable[[Array], Array]] = {
+        "Gram": posterior.log_likelihood,
+        "every sample": every,
+        "block means": by_blocks,
+    }
     if with_pints:
-        theta = np.append(np.array(list(posterior.model.physical(posterior.model_part(q[:1])).values())).ravel()[
-            :posterior.model.dimension], sigma[0])
-        for name, slow in (("PINTS GaussianLogLikelihood, our kernel", False), ("PINTS GaussianLogLikelihood, lsim", True)):
+        theta = np.append(
+            np.array(list(posterior.model.physical(posterior.model_part(q[:1])).values())).ravel()[
+                : posterior.model.dimension
+            ],
+            sigma[0],
+        )
+        for name, slow in (
+            ("PINTS GaussianLogLikelihood, our kernel", False),
+            ("PINTS GaussianLogLikelihood, lsim", True),
+        ):
             likelihood = pints_likelihood(every, slow)
-            calls[name] = lambda likelihood=likelihood: likelihood(theta)
+            calls[name] = partial(likelihood, theta)
             counts[name] = 1
         fast = pints_likelihood(every, False)
         functions["PINTS"] = lambda q: np.array([fast(theta)])
         functions["white"] = lambda q: np.array([every.white(q[0])])
-    functions["sizes"] = lambda q: np.array([gram.n, blocks.records[0].blocks.n + sum(r.blocks.n for r in blocks.records[1:])])
+    functions["sizes"] = lambda q: np.array([gram.n, sum(r.blocks.n for r in blocks.records)])
     return calls, functions, counts
 
 
@@ -224,14 +277,24 @@ def measure(campaign: bd.Campaign, rounds: int, with_pints: bool = True) -> dict
         "log likelihoods there below the maximum, nats": float(np.median(at_map - exact)),
         "Gram against every sample, prior draws, relative": float(np.abs(gram_wide / exact_wide - 1).max()),
         "block means against every sample, differences to the maximum, nats": float(
-            np.abs((blocks - block_map) - (exact - at_map)).max())}
+            np.abs((blocks - block_map) - (exact - at_map)).max()
+        ),
+    }
     if with_pints:
         agreement["PINTS against ours with the same white noise, nats"] = float(
-            np.abs(functions["PINTS"](q) - functions["white"](q)).max())
+            np.abs(functions["PINTS"](q) - functions["white"](q)).max()
+        )
     timed = interleaved(calls, REFERENCE, rounds)
     per = counts[REFERENCE]
     samples, n_blocks = (int(v) for v in functions["sizes"](q))
-    return {"samples": samples, "blocks": n_blocks, "parameters": posterior.dimension, "reference": REFERENCE,
-            "agreement": agreement,
-            "methods": {name: {"us": 1e6 * timed.median(name) / counts[name], "ratio": timed.ratio(name) * per / counts[name]}
-                        for name in calls}}
+    return {
+        "samples": samples,
+        "blocks": n_blocks,
+        "parameters": posterior.dimension,
+        "reference": REFERENCE,
+        "agreement": agreement,
+        "methods": {
+            name: {"us": 1e6 * timed.median(name) / counts[name], "ratio": timed.ratio(name) * per / counts[name]}
+            for name in calls
+        },
+    }

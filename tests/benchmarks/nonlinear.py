@@ -17,7 +17,9 @@ from .timing import interleaved
 REFERENCE = "simulation in blocks"
 
 
-def methods(assembled: Assembled, linear: Assembled, batch: int = 8) -> tuple[dict[str, Callable[[], Any]], dict[str, int], BlockGroup]:
+def methods(
+    assembled: Assembled, linear: Assembled, batch: int = 8
+) -> tuple[dict[str, Callable[[], Any]], dict[str, int], BlockGroup]:
     """Calls to time and how many parameter sets each evaluates."""
     posterior = assembled.posterior
     group = posterior.groups[0]
@@ -33,16 +35,29 @@ def methods(assembled: Assembled, linear: Assembled, batch: int = 8) -> tuple[di
     calls: dict[str, Callable[[], Any]] = {
         REFERENCE: lambda: [group.simulate(r, material, None) for r in records],
         "likelihood in blocks": lambda: posterior.log_likelihood(q),
-        "simulation, every sample": lambda: [bd.simulate(posterior.model, values, r.prepared.recording) for r in records],
-        "hooke+gm3 on the same recordings, Gram, 32 at once": lambda: linear.posterior.log_likelihood(q_linear)}
-    return calls, {REFERENCE: batch, "likelihood in blocks": batch, "simulation, every sample": 1,
-                   "hooke+gm3 on the same recordings, Gram, 32 at once": 32}, group
+        "simulation, every sample": lambda: [
+            bd.simulate(posterior.model, values, r.prepared.recording) for r in records
+        ],
+        "hooke+gm3 on the same recordings, Gram, 32 at once": lambda: linear.posterior.log_likelihood(q_linear),
+    }
+    return (
+        calls,
+        {
+            REFERENCE: batch,
+            "likelihood in blocks": batch,
+            "simulation, every sample": 1,
+            "hooke+gm3 on the same recordings, Gram, 32 at once": 32,
+        },
+        group,
+    )
 
 
 def centre(assembled: Assembled) -> Any:
     """Coordinates (d,) at the centre of the prior, noise from the quiet stretches."""
     model = assembled.posterior.model
-    return np.concatenate([model.prior_draws(500, np.random.default_rng(0)).mean(axis=0), assembled.posterior.noise_guess()])
+    return np.concatenate(
+        [model.prior_draws(500, np.random.default_rng(0)).mean(axis=0), assembled.posterior.noise_guess()]
+    )
 
 
 def block_error(assembled: Assembled) -> float:
@@ -69,8 +84,15 @@ def measure(campaign: bd.Campaign, rounds: int) -> dict[str, Any]:
     calls, counts, group = methods(assembled, linear)
     timed = interleaved(calls, REFERENCE, rounds)
     per = counts[REFERENCE]
-    return {"samples": sum(r.prepared.y.size for r in group.records), "blocks": sum(r.blocks.n for r in group.records),
-            "intervals": sum(r.h.size for r in group.records), "recordings": len(group.records), "reference": REFERENCE,
-            "largest_error_of_block_means_um": block_error(assembled),
-            "methods": {name: {"ms": 1e3 * timed.median(name) / counts[name], "ratio": timed.ratio(name) * per / counts[name]}
-                        for name in calls}}
+    return {
+        "samples": sum(r.prepared.y.size for r in group.records),
+        "blocks": sum(r.blocks.n for r in group.records),
+        "intervals": sum(r.h.size for r in group.records),
+        "recordings": len(group.records),
+        "reference": REFERENCE,
+        "largest_error_of_block_means_um": block_error(assembled),
+        "methods": {
+            name: {"ms": 1e3 * timed.median(name) / counts[name], "ratio": timed.ratio(name) * per / counts[name]}
+            for name in calls
+        },
+    }

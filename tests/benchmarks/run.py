@@ -7,6 +7,7 @@ Writes benchmarks.json, README.md and benchmarks.png. With --only the other part
 kept. Needs the extras "dev" and "bench" (dynesty, PINTS, control).
 """
 
+# ruff: noqa: E402
 from __future__ import annotations
 
 import os
@@ -31,8 +32,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import forward, goals, likelihood, nonlinear, problems, processes, sampling, search
 
-NAMES = ("forward_waves", "forward_creep", "likelihood", "map", "sampling", "evidence", "nonlinear", "start_up", "loading",
-         "calibration")
+NAMES = (
+    "forward_waves",
+    "forward_creep",
+    "likelihood",
+    "map",
+    "sampling",
+    "evidence",
+    "nonlinear",
+    "start_up",
+    "loading",
+    "calibration",
+)
 
 
 def parts(quick: bool, folder: Path, paper: Path | None) -> dict[str, Callable[[], Any]]:
@@ -55,7 +66,9 @@ def parts(quick: bool, folder: Path, paper: Path | None) -> dict[str, Callable[[
         return target
 
     def signals() -> tuple[problems.Signal, ...]:
-        return tuple(problems.signal(p) for shape in ("sine", "triangle", "rectangle") for p in problems.waves(shape, scale))
+        return tuple(
+            problems.signal(p) for shape in ("sine", "triangle", "rectangle") for p in problems.waves(shape, scale)
+        )
 
     return {
         "forward_waves": lambda: forward.measure(signals(), rounds),
@@ -75,17 +88,31 @@ def meta(quick: bool) -> dict[str, Any]:
     """What the numbers belong to: versions and how busy the machine was; nothing that names it."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     packages = ("numpy", "scipy", "numba", "emcee", "pints", "control", "dynesty")
-    return {"date": time.strftime("%Y-%m-%d"), "python": f"Python {platform.python_version()}", "quick": quick,
-            "versions": {p: importlib.metadata.version(p) for p in packages}, "processors": os.cpu_count(), "load": round(load, 1)}
+    return {
+        "date": time.strftime("%Y-%m-%d"),
+        "python": f"Python {platform.python_version()}",
+        "quick": quick,
+        "versions": {p: importlib.metadata.version(p) for p in packages},
+        "processors": os.cpu_count(),
+        "load": round(load, 1),
+    }
 
 
 def main() -> None:
     """Measure, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True, help="folder for benchmarks.json, README.md and the figure")
-    parser.add_argument("--quick", action="store_true", help="a tenth of the samples, fewer rounds: shows that everything runs")
-    parser.add_argument("--only", action="append", choices=NAMES, help="measure this part alone; may be given several times")
-    parser.add_argument("--campaign", type=Path, help="an existing `bayes-dea bench --preset paper` campaign, instead of a new one")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder for benchmarks.json, README.md and the figure"
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="a tenth of the samples, fewer rounds: shows that everything runs"
+    )
+    parser.add_argument(
+        "--only", action="append", choices=NAMES, help="measure this part alone; may be given several times"
+    )
+    parser.add_argument(
+        "--campaign", type=Path, help="an existing `bayes-dea bench --preset paper` campaign, instead of a new one"
+    )
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     target = arguments.out / "benchmarks.json"
@@ -105,7 +132,12 @@ def main() -> None:
     target.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     (arguments.out / "README.md").write_text(goals.markdown(results), encoding="utf-8")
     goals.figure(results, arguments.out / "benchmarks.png")
-    print("\n".join(f"{g['job']:<50} goal {g['goal']:>8g} {g['unit']:<12} reached {g['reached']:.3g}" for g in results["goals"]))
+    print(
+        "\n".join(
+            f"{g['job']:<50} goal {g['goal']:>8g} {g['unit']:<12} reached {g['reached']:.3g}"
+            for g in results["goals"]
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ class MaterialCoordinates:
         model = posterior.model
         self.d = model.dimension
         draws = posterior.prior_draws(20_000, rng)
-        x = np.concatenate([model.to_prior_coordinates(draws[:, :self.d]), draws[:, self.d:]], axis=1)
+        x = np.concatenate([model.to_prior_coordinates(draws[:, : self.d]), draws[:, self.d :]], axis=1)
         self.lower, self.upper = np.quantile(x, [1e-4, 1 - 1e-4], axis=0)
         names = model.priors.names
         n = model.spec.elements
@@ -48,7 +48,7 @@ class MaterialCoordinates:
         for block in (self.k, self.tau):
             x[:, block] = np.take_along_axis(x[:, block], order, axis=1)
         with np.errstate(all="ignore"):
-            q = np.concatenate([self.posterior.model.from_prior_coordinates(x[:, :self.d]), x[:, self.d:]], axis=1)
+            q = np.concatenate([self.posterior.model.from_prior_coordinates(x[:, : self.d]), x[:, self.d :]], axis=1)
             value = self.posterior.log_prob(q)
         return np.where(np.isfinite(value), value, -1e12)
 
@@ -56,21 +56,41 @@ class MaterialCoordinates:
 def ours(assembled: Assembled, seed: int) -> tuple[float, int, int, float]:
     """Best log posterior, swarms that agree, evaluations, processor seconds."""
     began = time.process_time()
-    found, _ = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups),
-                        np.random.default_rng(seed), refresh=assembled.refresh if assembled.has_blocks else None)
+    found, _ = find_map(
+        assembled.posterior,
+        assembled.search_model,
+        list(assembled.search_groups),
+        np.random.default_rng(seed),
+        refresh=assembled.refresh if assembled.has_blocks else None,
+    )
     return found.log_posterior, found.agree, found.evaluations, time.process_time() - began
 
 
 def differential_evolution_run(target: MaterialCoordinates, seed: int, budget: int) -> float:
     """Best log posterior of one run of scipy's differential evolution, vectorised, then its own L-BFGS-B polish."""
-    from scipy.optimize import differential_evolution, minimize
+    import scipy.optimize
+
+    # the stubs know neither vectorised objectives nor lists of bounds
+    optimize: Any = scipy.optimize
 
     population = 10 * len(target.lower)
-    result = differential_evolution(lambda x: -target.log_prob(np.atleast_2d(x.T)), list(zip(target.lower, target.upper, strict=True)),
-                                    popsize=10, maxiter=max(1, budget // population - 1), tol=1e-8, vectorized=True,
-                                    updating="deferred", polish=False, rng=seed)
-    polished = minimize(lambda x: -float(target.log_prob(x[None])[0]), result.x, method="L-BFGS-B",
-                        bounds=list(zip(target.lower, target.upper, strict=True)))
+    result = optimize.differential_evolution(
+        lambda x: -target.log_prob(np.atleast_2d(x.T)),
+        list(zip(target.lower, target.upper, strict=True)),
+        popsize=10,
+        maxiter=max(1, budget // population - 1),
+        tol=1e-8,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        rng=seed,
+    )
+    polished = optimize.minimize(
+        lambda x: -float(target.log_prob(x[None])[0]),
+        result.x,
+        method="L-BFGS-B",
+        bounds=list(zip(target.lower, target.upper, strict=True)),
+    )
     return -float(min(result.fun, polished.fun))
 
 
@@ -90,8 +110,9 @@ def pints_run(target: MaterialCoordinates, seed: int, budget: int) -> float:
     np.random.seed(seed)
     try:
         start = np.random.default_rng(seed).uniform(target.lower, target.upper)
-        controller = pints.OptimisationController(Target(), start, boundaries=pints.RectangularBoundaries(target.lower, target.upper),
-                                                  method=pints.PSO)
+        controller = pints.OptimisationController(
+            Target(), start, boundaries=pints.RectangularBoundaries(target.lower, target.upper), method=pints.PSO
+        )
         controller.set_log_to_screen(False)
         controller.set_max_iterations(None)
         controller.set_max_unchanged_iterations(None)
@@ -101,8 +122,9 @@ def pints_run(target: MaterialCoordinates, seed: int, budget: int) -> float:
         np.random.set_state(state)
 
 
-def measure(campaign: bd.Campaign, runs: int = 8, budget: int = 20_000, pints_budget: int = 10_000, with_pints: bool = True
-            ) -> dict[str, Any]:
+def measure(
+    campaign: bd.Campaign, runs: int = 8, budget: int = 20_000, pints_budget: int = 10_000, with_pints: bool = True
+) -> dict[str, Any]:
     """Who finds the maximum, with how many evaluations and seconds."""
     assembled = assemble(campaign, bd.build_model("hooke+gm3"))
     results = [ours(assembled, seed) for seed in range(runs)]
@@ -119,19 +141,31 @@ def measure(campaign: bd.Campaign, runs: int = 8, budget: int = 20_000, pints_bu
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 value = run(target, seed, allowed)
-            for row, v in zip(values[name], (value, target.evaluations, time.process_time() - began), strict=True):
-                row.append(v)  # type: ignore[arg-type]
+            values[name][2].append(time.process_time() - began)
+            values[name][0].append(value)
+            values[name][1].append(target.evaluations)
     best = max(best, *(v for rows in values.values() for v in rows[0]))
     swarms = 8
-    table = {"bayes-dea, 8 swarms each": {
-        "runs": runs, "found": sum(r[0] >= best - AGREEMENT for r in results),
-        "evaluations": median([r[2] for r in results]), "evaluations_a_swarm": median([r[2] for r in results]) / swarms,
-        "seconds": median([r[3] for r in results]), "short_nats": [best - r[0] for r in results],
-        "swarms_that_agree": [r[1] for r in results]}}
+    table: dict[str, Any] = {
+        "bayes-dea, 8 swarms each": {
+            "runs": runs,
+            "found": sum(r[0] >= best - AGREEMENT for r in results),
+            "evaluations": median([r[2] for r in results]),
+            "evaluations_a_swarm": median([r[2] for r in results]) / swarms,
+            "seconds": median([r[3] for r in results]),
+            "short_nats": [best - r[0] for r in results],
+            "swarms_that_agree": [r[1] for r in results],
+        }
+    }
     for name, (found, evaluations, seconds) in values.items():
-        table[name] = {"runs": runs, "found": sum(v >= best - AGREEMENT for v in found),
-                       "evaluations": median(evaluations), "seconds": median(seconds), "short_nats": [best - v for v in found]}
+        table[name] = {
+            "runs": runs,
+            "found": sum(v >= best - AGREEMENT for v in found),
+            "evaluations": median(evaluations),
+            "seconds": median(seconds),
+            "short_nats": [best - v for v in found],
+        }
     reference = table["bayes-dea, 8 swarms each"]["seconds"]
     for row in table.values():
-        row["ratio"] = row["seconds"] / reference  # type: ignore[operator]
+        row["ratio"] = row["seconds"] / reference
     return {"best_log_posterior": best, "methods": table}

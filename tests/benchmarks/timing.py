@@ -38,8 +38,14 @@ def median(values: Any) -> float:
     return math.nan if n == 0 else 0.5 * (ordered[(n - 1) // 2] + ordered[n // 2])
 
 
-def interleaved(methods: Mapping[str, Callable[[], Any]], reference: str, rounds: int = 7, slow_rounds: int = 2,
-                slow_s: float = 0.3, target_s: float = 0.02) -> Timed:
+def interleaved(
+    methods: Mapping[str, Callable[[], Any]],
+    reference: str,
+    rounds: int = 7,
+    slow_rounds: int = 2,
+    slow_s: float = 0.3,
+    target_s: float = 0.02,
+) -> Timed:
     """Time methods (each without arguments) in turn; fast ones are repeated within a round until `target_s`.
 
     A method that takes longer than `slow_s` is called in the first `slow_rounds` rounds only. All are called once

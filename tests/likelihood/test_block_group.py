@@ -1,7 +1,6 @@
 """Block means against a dense normal, against the samples, and against the Gram on the whole posterior."""
 
 import math
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -10,12 +9,13 @@ from scipy.linalg import solve_triangular
 from small_records import ACTUATOR, TRUTH, ar1, noise_terms, voltage_record
 
 from bayes_dea.assemble import assemble
+from bayes_dea.bench.nuisance import ChannelFaults, Faults
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Creep, Relaxation, Wave
+from bayes_dea.bench.rig import Material
 from bayes_dea.bench.simulate import simulate as bench
 from bayes_dea.campaign import Sensor, campaign_from_recordings, recording_from_arrays
-from bayes_dea.find_map import find_map, laplace_covariance
-from bayes_dea.fit.ensemble import EnsembleSettings, sample
+from bayes_dea.find_map import find_map
 from bayes_dea.forward import simulate
 from bayes_dea.likelihood.block_group import build_block_groups
 from bayes_dea.likelihood.linear_group import nuisance_sd
@@ -96,15 +96,15 @@ def test_block_means_of_the_simulation(hold):
     assert np.sqrt(np.mean(quiet**2)) < 0.1e-6
 
 
-def campaign(correlation=0.0):
-    from bayes_dea.bench.nuisance import ChannelFaults, Faults
-
+def campaign(correlation):
+    """Holds long enough that all three modes are seen: the posterior is then close to normal."""
     faults = Faults(displacement=ChannelFaults(noise_correlation=correlation))
     plan = CampaignPlan("blocks", (
-        RecordingPlan("creep_1.csv", Creep(1000.0, 60.0, conditioning_on_s=5.0, conditioning_off_s=5.0), "identify",
-                      100.0),
-        RecordingPlan("creep_2.csv", Creep(700.0, 60.0, conditioning_steps=0), "identify", 100.0),
-        RecordingPlan("sine.csv", Wave("sine", 1.0, cycles=8), "identify", 100.0)), faults=faults)
+        RecordingPlan("creep_1.csv", Creep(1100.0, 120.0, conditioning_on_s=5.0, conditioning_off_s=5.0),
+                      "identify", 100.0),
+        RecordingPlan("creep_2.csv", Creep(800.0, 60.0, conditioning_steps=0), "identify", 100.0),
+        RecordingPlan("sine.csv", Wave("sine", 1.0, cycles=8), "identify", 100.0)),
+        material=Material(1.2e6, (70e3, 60e3, 60e3), (40.0, 4.0, 0.4)), faults=faults)
     return from_plan(plan)
 
 
@@ -127,13 +127,18 @@ def both(request):
     rates = gram.channels[0].rates
     blocks = replace(gram, groups=tuple(build_block_groups(prepared, assembled.terms, rates, "displacement")))
     blocks = assembled.refresh(blocks, found.x)
-    spread = laplace_covariance(found, gram, rng)
-    start = rng.multivariate_normal(found.x, 0.3 * spread, (2, 32))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a fixed length is all that is asked for
-        run = sample(gram.log_prob, start, EnsembleSettings(max_steps=2500), rng)
-    draws = run.flat()
-    return gram.log_prob(draws), blocks.log_prob(draws), draws, gram, blocks, found
+    # Student draws around the maximum, weighted to become draws of the posterior
+    eig, vec = np.linalg.eigh(-found.hessian)
+    assert eig.min() > 0
+    d, nu = eig.size, 6
+    steps = rng.standard_normal((6000, d)) / np.sqrt(rng.chisquare(nu, (6000, 1)) / nu)
+    draws = found.x + steps / np.sqrt(eig) @ vec.T
+    log_gram = gram.log_prob(draws)
+    log_weight = log_gram + 0.5 * (nu + d) * np.log1p(np.sum(steps**2, axis=1) / nu)
+    w = np.exp(log_weight - log_weight.max())
+    assert w.sum()**2 / np.sum(w**2) > 200
+    keep = w > 1e-9 * w.max()
+    return log_gram[keep], blocks.log_prob(draws[keep]), draws[keep], w[keep] / w.sum(), gram, blocks, found
 
 
 def test_full_density_at_the_reference(both):
@@ -144,19 +149,16 @@ def test_full_density_at_the_reference(both):
 
 def test_posterior_moves_within_the_stated_tolerance(both):
     """Means < 0.1 sd, sds < 5 %, log evidence < 0.3: draws of the one weighted to become draws of the other."""
-    log_gram, log_blocks, draws, *_ = both
+    log_gram, log_blocks, draws, w, *_ = both
     difference = log_blocks - log_gram
-    assert len(draws) > 400
-    assert np.std(difference) < 0.7
-    w = np.exp(difference - difference.max())
-    evidence = np.log(w.mean()) + difference.max()
-    w /= w.sum()
-    mean, sd = draws.mean(axis=0), draws.std(axis=0)
-    mean_b = w @ draws
-    sd_b = np.sqrt(w @ (draws - mean_b)**2)
+    assert np.sqrt(w @ (difference - w @ difference)**2) < 0.3
+    w_b = w * np.exp(difference)
+    assert abs(np.log(w_b.sum())) < 0.3
+    w_b /= w_b.sum()
+    mean, mean_b = w @ draws, w_b @ draws
+    sd, sd_b = np.sqrt(w @ (draws - mean)**2), np.sqrt(w_b @ (draws - mean_b)**2)
     assert np.abs((mean_b - mean) / sd).max() < 0.1
     assert np.abs(sd_b / sd - 1).max() < 0.05
-    assert abs(evidence) < 0.3
 
 
 def test_what_lies_within_the_blocks_decides_the_noise(both):

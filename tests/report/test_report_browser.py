@@ -13,8 +13,17 @@ import pytest
 from report_samples import Make, creep, relaxation, sine
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
-         "--disable-background-networking", "--disable-component-update", "--disable-sync")
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
 
 CATCH = """
 window.failures = [];
@@ -81,12 +90,17 @@ def page(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     rng = np.random.default_rng(9)
     long = "2024-11-03_specimen-B_after_conditioning_creep_1000V_300s_repeat-2.csv"
-    folder = make_result(tmp_path_factory.mktemp("browser"), [
-        creep(long, "identify", rng), sine("sine_1Hz.csv", "validate", rng, chi=12.0),
-        relaxation("relaxation.csv", "identify", rng)],
+    folder = make_result(
+        tmp_path_factory.mktemp("browser"),
+        [
+            creep(long, "identify", rng),
+            sine("sine_1Hz.csv", "validate", rng, chi=12.0),
+            relaxation("relaxation.csv", "identify", rng),
+        ],
         warnings=[f"{long}: " + "an explanation of what to do " * 8, "x" * 300],
         meta={"origin": "virtual bench of bayes-dea, simulated, not measured", "certificate": "0123456789abcdef" * 12},
-        inputs=[{"file": long, "size": 123_456_789, "sha256": "ab" * 32}])
+        inputs=[{"file": long, "size": 123_456_789, "sha256": "ab" * 32}],
+    )
     return write_report(folder)
 
 
@@ -94,9 +108,21 @@ def measure(browser: str, html: str, folder: Path, width: int) -> dict[str, Any]
     """What a script added to the page finds in it."""
     copy = folder / "measured.html"
     copy.write_text(html, encoding="utf-8")
-    done = subprocess.run([browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},1000",
-                           "--virtual-time-budget=4000", "--dump-dom", copy.as_uri()], capture_output=True, text=True,
-                          timeout=90, check=False)
+    done = subprocess.run(
+        [
+            browser,
+            *FLAGS,
+            f"--user-data-dir={folder / 'profile'}",
+            f"--window-size={width},1000",
+            "--virtual-time-budget=4000",
+            "--dump-dom",
+            copy.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
     found = re.search(r'<pre id="measured">(.*?)</pre>', done.stdout, re.S)
     assert found, f"the browser gave nothing back: {done.stderr[-500:]}"
     result: dict[str, Any] = json.loads(unescape(found.group(1)))
@@ -124,7 +150,7 @@ def test_page_in_a_browser(browser: str, page: Path, tmp_path: Path, width: int)
 def test_text_stays_in_its_picture(browser: str, page: Path, tmp_path: Path) -> None:
     sources = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page.read_text(encoding="utf-8"))
     pictures = [base64.b64decode(s).decode() for s in sources]
-    drawn = [s[s.index("<svg"):] for s in pictures]
+    drawn = [s[s.index("<svg") :] for s in pictures]
     html = f"<!DOCTYPE html><html><body>{''.join(drawn)}<script>{TEXTS}</script></body></html>"
     m = measure(browser, html, tmp_path, 1400)
     assert m["outside"] == []

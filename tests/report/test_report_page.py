@@ -69,7 +69,18 @@ def test_sections_come_in_order_and_tags_are_closed(result: Path) -> None:
     p = read(result)
     assert p.open == []
     assert [a["id"] for tag, a in p.tags if tag == "section"] == [
-        "warnings", "what", "posterior", "recordings", "table", "pairs", "sampler", "prior", "same", "evidence", "time"]
+        "warnings",
+        "what",
+        "posterior",
+        "recordings",
+        "table",
+        "pairs",
+        "sampler",
+        "prior",
+        "same",
+        "evidence",
+        "time",
+    ]
     links = [a["href"] for tag, a in p.tags if tag == "a"]
     ids = {a["id"] for _, a in p.tags if "id" in a}
     assert links
@@ -98,17 +109,49 @@ def test_all_numbers_of_the_tables_are_there(result: Path) -> None:
                 assert value.replace("\u00a0", " ") in text, (row, name)
                 shown += 1
     assert shown == 3 * 11 + 5 * 9
-    for said in ("4.70 µm", "9.40 µm", "20.0 mN", "0.9877", "40\u202f000", "123\u202f456", "0.31", "1.002", "0.987",
-                 "4\u202f321", "5\u202f678", "1\u202f200.2 ± 0.034", "seed 11", "af178aa7c86f", "1.260 MPa",
-                 "25.20 MPa", "210.0 s", "2\u202f700, of which 450 burn-in", "41.3 steps", "23.0 %", "8 of 8", "6.8 s",
-                 "12.3 s", "0.43", "bayes-dea calibrate 'bench day 3' --model hooke+gm1 --seed 11",
-                 "a row's input was in force"):
+    for said in (
+        "4.70 µm",
+        "9.40 µm",
+        "20.0 mN",
+        "0.9877",
+        "40\u202f000",
+        "123\u202f456",
+        "0.31",
+        "1.002",
+        "0.987",
+        "4\u202f321",
+        "5\u202f678",
+        "1\u202f200.2 ± 0.034",
+        "seed 11",
+        "af178aa7c86f",
+        "1.260 MPa",
+        "25.20 MPa",
+        "210.0 s",
+        "2\u202f700, of which 450 burn-in",
+        "41.3 steps",
+        "23.0 %",
+        "8 of 8",
+        "6.8 s",
+        "12.3 s",
+        "0.43",
+        "bayes-dea calibrate 'bench day 3' --model hooke+gm1 --seed 11",
+        "a row's input was in force",
+    ):
         assert said in text or any(said in (i["alt"] or "") or said in svg(i) for i in read(result).images()), said
 
 
 def test_no_missing_number_shows_as_a_word(make_result: Make, tmp_path: Path) -> None:
-    folder = make_result(tmp_path, converged=False, log_evidence=None, log_evidence_se=None, same_function=None,
-                         warnings=[], meta={}, search={}, inputs=[])
+    folder = make_result(
+        tmp_path,
+        converged=False,
+        log_evidence=None,
+        log_evidence_se=None,
+        same_function=None,
+        warnings=[],
+        meta={},
+        search={},
+        inputs=[],
+    )
     changed = read_json(folder / "calibration.json")
     for r in changed["recordings"]:
         r.update(elpd=None, pareto_k=None, r2=None, pit_p_value=None)
@@ -149,10 +192,15 @@ def test_not_converged_says_so_and_gives_no_ess(make_result: Make, tmp_path: Pat
 
 def test_strings_of_the_campaign_are_escaped(make_result: Make, tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    bad = "<b>x</b> & \"y\" $a_b$.csv"
-    folder = make_result(tmp_path, [creep(bad, "identify", rng), sine("ok.csv", "validate", rng)], campaign="<i>c</i>",
-                         warnings=[f"{bad}: look"], meta={"operator": "<script>alert(1)</script>"},
-                         inputs=[{"file": bad, "size": 3, "sha256": "ab" * 32}])
+    bad = '<b>x</b> & "y" $a_b$.csv'
+    folder = make_result(
+        tmp_path,
+        [creep(bad, "identify", rng), sine("ok.csv", "validate", rng)],
+        campaign="<i>c</i>",
+        warnings=[f"{bad}: look"],
+        meta={"operator": "<script>alert(1)</script>"},
+        inputs=[{"file": bad, "size": 3, "sha256": "ab" * 32}],
+    )
     write_report(folder)
     html = (folder / "report.html").read_text(encoding="utf-8")
     assert "<script" not in html
@@ -168,8 +216,9 @@ def test_strings_of_the_campaign_are_escaped(make_result: Make, tmp_path: Path) 
 def test_simulated_data_are_named_as_such_at_the_top(make_result: Make, tmp_path: Path, result: Path) -> None:
     origin = "virtual bench of bayes-dea, simulated, not measured"
     # several folders read as one campaign have a table of their own each
-    folder = make_result(tmp_path, [creep("a.csv", "identify", np.random.default_rng(6))],
-                         meta={"first folder": {"origin": origin}})
+    folder = make_result(
+        tmp_path, [creep("a.csv", "identify", np.random.default_rng(6))], meta={"first folder": {"origin": origin}}
+    )
     write_report(folder)
     text = read(folder).text
     assert text.index("Simulated data.") < text.index("Calibration of")
@@ -210,8 +259,9 @@ def test_same_files_same_page_and_settings_untouched(result: Path, tmp_path: Pat
 
 def test_a_page_of_21_recordings_stays_below_8_mb(make_result: Make, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
-    folder = make_result(tmp_path, [creep("creep.csv", "identify", rng),
-                                    sine("fine.csv", "validate", rng, step_s=0.001)])
+    folder = make_result(
+        tmp_path, [creep("creep.csv", "identify", rng), sine("fine.csv", "validate", rng, step_s=0.001)]
+    )
     write_report(folder)
     size = (folder / "report.html").stat().st_size
     pictures = [len(i["src"] or "") for i in read(folder).images()]

@@ -17,9 +17,20 @@ def test_it_says_what_matters_in_80_columns(result: Path) -> None:
     assert text.isascii()
     assert max(len(line) for line in text.splitlines()) <= 80
     flat = " ".join(text.split())
-    for said in ("hooke+gm1 on bench day 3", "The sampler converged;", "creep_1000V.csv fitted 40000 4.70 4.70 um 1.00",
-                 "sine_1Hz.csv kept", "relaxation.csv fitted 40000 20.0 20.0 mN", "1 warning:",
-                 "- a warning of many words", "Y ", "MPa", "1.002", "4321", "ESS"):
+    for said in (
+        "hooke+gm1 on bench day 3",
+        "The sampler converged;",
+        "creep_1000V.csv fitted 40000 4.70 4.70 um 1.00",
+        "sine_1Hz.csv kept",
+        "relaxation.csv fitted 40000 20.0 20.0 mN",
+        "1 warning:",
+        "- a warning of many words",
+        "Y ",
+        "MPa",
+        "1.002",
+        "4321",
+        "ESS",
+    ):
         assert said in flat
 
 
@@ -41,13 +52,17 @@ def test_not_converged_gives_no_ess(make_result: Make, tmp_path: Path) -> None:
     assert "None" not in text
 
 
-@pytest.mark.parametrize(("change", "level", "said"), [
-    ({}, "good", "nothing seems to be left out (reduced χ² 1.00)"),
-    ({"chi2_reduced": 5.4}, "check", "something seems to be left out on"),
-    ({"chi2_reduced": 0.2}, "check", "seems overstated (reduced χ² 0.20"),
-    ({"coverage_90": 0.6, "role": "validate"}, "check", "the bands are too narrow"),
-    ({"coverage_90": 0.99, "role": "validate"}, "check", "the bands are too wide"),
-    ({"role": "identify"}, "good", "no recording was kept back")])
+@pytest.mark.parametrize(
+    ("change", "level", "said"),
+    [
+        ({}, "good", "nothing seems to be left out (reduced χ² 1.00)"),
+        ({"chi2_reduced": 5.4}, "check", "something seems to be left out on"),
+        ({"chi2_reduced": 0.2}, "check", "seems overstated (reduced χ² 0.20"),
+        ({"coverage_90": 0.6, "role": "validate"}, "check", "the bands are too narrow"),
+        ({"coverage_90": 0.99, "role": "validate"}, "check", "the bands are too wide"),
+        ({"role": "identify"}, "good", "no recording was kept back"),
+    ],
+)
 def test_verdict(result: Path, change: dict, level: str, said: str) -> None:
     summary = read_json(result / "calibration.json")
     for r in summary["recordings"]:
