@@ -271,6 +271,8 @@ def _walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng
     walkers = max(s.walkers, 3 * d + (3 * d) % 2)
     covariance = laplace_covariance(found, posterior, rng)
     factor = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
+    # where the maximum is a kink the covariance is no guide: a walker far below would stay in a lesser mode for good
+    least = found.log_posterior - 10.0 - 3.0 * d
     out = np.empty((s.ensembles, walkers, d))
     for e in range(s.ensembles):
         width = 1.2 if e % 2 == 0 else 0.8
@@ -280,7 +282,7 @@ def _walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng
             if not need.size:
                 break
             out[e, need] = found.x + width * rng.standard_normal((need.size, d)) @ factor.T
-            good[need] = np.isfinite(posterior.log_prob(out[e, need]))
+            good[need] = posterior.log_prob(out[e, need]) > least
             width *= 0.9
     return out
 
@@ -402,6 +404,23 @@ def _contraction(values: NDArray, prior: NDArray, log: bool) -> float:
     return float(1 - np.var(a) / np.var(b)) if b.size and np.var(b) > 0 else float("nan")
 
 
+def _particulars(posterior: Posterior, name: str) -> dict[str, Any]:
+    """What a recording is and what was found to disturb it."""
+    p = next(p for g in posterior.groups for p in (*g.fitted, *g.others) if p.name == name)
+    lines = (
+        [] if p.mains is None else [{"frequency_Hz": m.frequency_Hz, "amplitude": m.amplitude} for m in p.mains.lines]
+    )
+    return {
+        "kind": p.recording.kind,
+        "specimen": p.recording.specimen,
+        "input": "voltage_V" if p.recording.is_voltage else "position_m",
+        "hold": p.recording.hold,
+        "dropouts": p.dropouts,
+        "gaps": int(np.sum(~np.isfinite(p.y))),
+        "mains": lines,
+    }
+
+
 def _summary(
     model: Model,
     campaign: Campaign,
@@ -502,9 +521,13 @@ def _summary(
                 "pit_p_value": p.pit_p_value,
                 "elpd": p.elpd,
                 "pareto_k": p.pareto_k,
+                **_particulars(posterior, p.name),
             }
             for p in predictions
         ],
+        "sensors": {
+            name: {k: v for k, v in vars(sensor).items() if v is not None} for name, sensor in campaign.sensors.items()
+        },
         "map_log_posterior": found.log_posterior,
         "log_evidence": log_evidence,
         "log_evidence_se": se,

@@ -100,6 +100,7 @@ def calibrate(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotConvergedWarning)  # the summary says so
             result = run(loaded, structure, seed, settings, report=report, checkpoint=checkpoint)
+        result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
         report("writing the report", 0, 1, str(out))
         result.save(out)
         finished(out)

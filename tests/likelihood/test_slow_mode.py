@@ -12,6 +12,7 @@ from small_records import ACTUATOR, SENSOR, noise_terms
 
 from bayes_dea.campaign import recording_from_arrays
 from bayes_dea.fit.ensemble import EnsembleSettings, sample
+from bayes_dea.fit.polish import polish_newton
 from bayes_dea.likelihood.linear_group import build_linear_groups
 from bayes_dea.likelihood.prepare import Prepared, rate_classes
 from bayes_dea.models.model import build_model
@@ -125,11 +126,11 @@ def test_mode_slower_than_the_record():
         return value
 
     rng = np.random.default_rng(2)
-    # from draws of the prior near the data, not from the answer
-    candidates = model.prior_draws(20000, rng)
-    value = log_prob(candidates)
-    best = candidates[np.argsort(value)[-400:]]
-    start = best[rng.permutation(400)[:64]].reshape(2, 32, 3)
+    # as a calibration starts: around the maximum, as wide as the normal approximation there
+    best = polish_newton(log_prob, model.from_prior_coordinates(model.priors.to_coordinates(
+        {"Y_Pa": 1.1e6, "k_1_Pa": 6e4, "tau_1_s": 100.0}))[0])
+    covariance = np.linalg.inv(-best.hessian)
+    start = rng.multivariate_normal(best.x, 1.5 * covariance, (2, 32))
     run = sample(log_prob, start, EnsembleSettings(max_steps=20_000, ess_limit=2500), rng,
                  names=model.coordinate_names)
     assert run.converged, run.reason
