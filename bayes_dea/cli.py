@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from . import __version__
-from .errors import BayesDEAError
+from .errors import BayesDEAError, InputError
 
 if TYPE_CHECKING:
     from .priors import Parameter, Prior
@@ -164,6 +164,8 @@ def _overrides(prior: list[str] | None, file: Path | None) -> dict[str, Paramete
 
 def _writable(folder: Path) -> None:
     """Make the folder now: an error after minutes of sampling would come too late."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out {folder}: there is a file of that name; choose another folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -157,7 +157,8 @@ def test_sensor_that_is_not_stated(refused, campaign):
     (campaign / "campaign.toml").write_text(re.sub(r"\[sensor\.displacement\]\n(.+\n)+", "", text), encoding="utf-8")
     message = refused("calibrate", campaign, "--model", "hooke+gm1")
     assert "[sensor.displacement]" in message
-    assert "fluctuation_m" in message
+    assert "is missing in campaign.toml" in message
+    assert "creep_0800V.csv" in message
 
 
 @pytest.mark.parametrize("name", ["layers", "layer_thickness_m", "relative_permittivity", "electrode_area_m2",
@@ -228,9 +229,10 @@ def test_prior_files(refused, small_campaign, tmp_path):
     assert "my.toml: there is no such prior file" in refused(*arguments, tmp_path / "my.toml")
     (tmp_path / "my.toml").write_text("[parameters.Y_Pa\n")
     assert "my.toml: not a TOML file" in refused(*arguments, tmp_path / "my.toml")
-    (tmp_path / "my.toml").write_text('[parameters.Y_Pa]\nprior = "lognormal"\nmedian = 1e6\nunit = "Pa"\nsource = "me"\n')
+    incomplete = '[parameters.Y_Pa]\nprior = "lognormal"\nmedian = 1e6\nunit = "Pa"\nsource = "me"\n'
+    (tmp_path / "my.toml").write_text(incomplete)
     assert "lacks 'log_sd'" in refused(*arguments, tmp_path / "my.toml")
-    (tmp_path / "my.toml").write_text('[parameters.Y]\nprior = "fixed"\nvalue = 1e6\nunit = "Pa"\nsource = "me"\n')
+    (tmp_path / "my.toml").write_text('[parameters.YPa]\nprior = "fixed"\nvalue = 1e6\nunit = "Pa"\nsource = "me"\n')
     assert "did you mean Y_Pa" in refused(*arguments, tmp_path / "my.toml")
     assert "prior file" in refused(*arguments, tmp_path)
 
@@ -255,10 +257,12 @@ def test_verb_that_is_unknown(refused):
     assert "Did you mean 'calibrate'" in refused("calibrat", "x")
 
 
-def test_out_that_is_a_file(refused, small_campaign, tmp_path):
+def test_out_that_is_a_file(small_campaign, tmp_path, monkeypatch, capsys):
     (tmp_path / "taken").write_text("a file")
-    said = refused("calibrate", small_campaign, "--model", "hooke", "--out", tmp_path / "taken", status=0 or 2)
-    assert "taken" in said
+    monkeypatch.setattr(sys, "argv", ["bayes-dea", "calibrate", str(small_campaign), "--model", "hooke", "--out",
+                                      str(tmp_path / "taken")])
+    assert cli._run() == 2
+    assert "taken: there is a file of that name" in capsys.readouterr().err
     assert (tmp_path / "taken").read_text() == "a file"
 
 
@@ -306,7 +310,8 @@ def test_bench_and_report(monkeypatch, capsys, tmp_path):
         return text
 
     assert "--preset smal is unknown" in said("bench", "--preset", "smal", "--out", tmp_path / "c")
-    assert "there is no such" in said("bench", "--preset", tmp_path / "plan.toml", "--out", tmp_path / "c")
-    assert "is the --out of a calibration?" in said("report", tmp_path).replace(f"is {tmp_path}", "is")
+    assert "plan.toml: cannot be read (No such file" in said("bench", "--preset", tmp_path / "plan.toml",
+                                                             "--out", tmp_path / "c")
+    assert f"is {tmp_path} the --out of a calibration?" in said("report", tmp_path)
     assert "there is no such file" in said("report", tmp_path / "nowhere")
     assert not (tmp_path / "c").exists()

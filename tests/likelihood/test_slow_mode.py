@@ -64,11 +64,10 @@ def reference():
                CubicSpline(log_T, sums[:, 2] / size)]
     uu, uy = product(u, u), product(u, y)
 
-    tau = np.linspace(math.log(20.0) - 5 * 1.8, math.log(20.0) + 5 * 1.8, 361)
-    E0 = np.linspace(math.log(1.3e6) - 0.06, math.log(1.3e6) + 0.06, 121)
-    r = np.linspace(math.log(K / TAU / (Y + K)**2) - 2.5, math.log(K / TAU / (Y + K)**2) + 3.5, 401)
+    tau = np.linspace(math.log(20.0) - 5 * 1.8, math.log(20.0) + 5 * 1.8, 241)
+    E0 = np.linspace(math.log(1.3e6) - 0.06, math.log(1.3e6) + 0.06, 81)
+    r = np.linspace(math.log(K / TAU / (Y + K)**2) - 2.5, math.log(K / TAU / (Y + K)**2) + 3.5, 241)
     moments, total, edge = np.zeros((3, 2)), 0.0, 0.0
-    top = None
     for x in tau:
         e, rate = np.exp(E0)[:, None], np.exp(r)[None, :]
         k = rate * math.exp(x) * e**2
@@ -85,9 +84,7 @@ def reference():
         prior = (log_normal(log_Y, 1.2e6, 0.6) + log_normal(log_k - log_Y, 0.1, 1.0) + log_normal(x, 20.0, 1.8)
                  + np.log(e / Ys))
         value = np.where(good, fit + prior, -np.inf)
-        if top is None:
-            top = -0.5 * (uy**2 / uu) * -1  # any constant near the maximum
-        p = np.exp(value - top)
+        p = np.exp(value - 0.5 * uy**2 / uu)  # any constant near the maximum
         total += p.sum()
         edge += p[[0, -1]].sum() + p[:, [0, -1]].sum()
         for i, q in enumerate((np.full_like(p, x), log_k, log_Y)):
@@ -131,7 +128,7 @@ def test_mode_slower_than_the_record():
         {"Y_Pa": 1.1e6, "k_1_Pa": 6e4, "tau_1_s": 100.0}))[0])
     covariance = np.linalg.inv(-best.hessian)
     start = rng.multivariate_normal(best.x, 1.5 * covariance, (2, 32))
-    run = sample(log_prob, start, EnsembleSettings(max_steps=20_000, ess_limit=2500), rng,
+    run = sample(log_prob, start, EnsembleSettings(max_steps=20_000, ess_limit=1200), rng,
                  names=model.coordinate_names)
     assert run.converged, run.reason
     values = model.physical(run.flat())

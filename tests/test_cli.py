@@ -1,0 +1,190 @@
+"""The command line: help, output on terminals and in pipes, JSON, and numbers that come out the same again."""
+
+import json
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import bayes_dea as bd
+from bayes_dea import cli
+
+ANSI = re.compile(r"\x1b\[")
+VERBS = ("calibrate", "bench", "report")
+
+
+@pytest.fixture
+def wide(monkeypatch):
+    """A terminal of eighty columns."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("FORCE_COLOR", "COLUMNS")}
+    return environment | {"COLUMNS": "80"}
+
+
+@pytest.mark.parametrize("verb", ["", *VERBS])
+def test_help_fits_eighty_columns_and_shows_an_example(monkeypatch, capsys, verb):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(sys, "argv", ["bayes-dea", *([verb] if verb else []), "--help"])
+    assert cli._run() == 0
+    text = capsys.readouterr().out
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "…" not in text, "a word was cut"
+    if verb:
+        assert f"Example: bayes-dea {verb} " in text
+    else:
+        assert all(f" {v} " in text for v in VERBS)
+
+
+def test_the_examples_name_options_that_exist(monkeypatch, capsys):
+    for verb in VERBS:
+        monkeypatch.setenv("COLUMNS", "200")
+        monkeypatch.setattr(sys, "argv", ["bayes-dea", verb, "--help"])
+        assert cli._run() == 0
+        text = capsys.readouterr().out
+        table, example = text.split("Example:")
+        for option in re.findall(r"--\w+", example):
+            assert option in table
+
+
+def test_help_and_version_answer_at_once(command, wide):
+    began = time.process_time(), os.times()
+    done = command("--help", env=wide)
+    after = os.times()
+    assert done.returncode == 0
+    spent = after.children_user + after.children_system - began[1].children_user - began[1].children_system
+    assert spent < 1.5, "heavy imports have crept into the command line"
+    done = command("--version")
+    assert done.stdout == f"bayes-dea {bd.__version__}\n"
+    assert done.returncode == 0
+
+
+def test_the_script_and_the_module_are_the_same(wide):
+    script = os.path.join(os.path.dirname(sys.executable), "bayes-dea")
+    if not os.path.exists(script):
+        pytest.skip("the package is not installed in this environment")
+    a = subprocess.run([script, "--version"], capture_output=True, text=True, check=True, env=wide)
+    b = subprocess.run([sys.executable, "-m", "bayes_dea", "--version"], capture_output=True, text=True, check=True)
+    assert a.stdout == b.stdout
+
+
+def test_in_a_pipe_there_is_no_progress_and_no_colour(converged, unconverged):
+    for run in (converged, unconverged):
+        assert run.stderr == ""
+        assert not ANSI.search(run.stdout)
+        assert "\r" not in run.stdout
+        assert max(len(line) for line in run.stdout.splitlines() if not line.startswith("Report: ")) <= 80
+        assert run.stdout.rstrip().endswith("report.html")
+        assert run.summary["model"] in run.stdout
+        for w in run.summary["warnings"]:
+            assert w.split()[0] in run.stdout
+
+
+def test_summary_of_a_converged_run_has_ess(converged):
+    assert "ESS" in converged.stdout
+    assert "converged" in converged.stdout
+    assert "did not converge" not in converged.stdout
+
+
+def quick(campaign, out, *options):
+    return ("calibrate", campaign, "--model", "hooke", "--max-steps", 200, "--out", out, *options)
+
+
+def test_quiet_and_json(command, voltage_campaign, tmp_path):
+    silent = command(*quick(voltage_campaign, tmp_path / "a", "--quiet"))
+    assert (silent.returncode, silent.stdout, silent.stderr) == (0, "", "")
+    spoken = command(*quick(voltage_campaign, tmp_path / "b", "--json"))
+    assert (spoken.returncode, spoken.stderr) == (0, "")
+    printed = json.loads(spoken.stdout)
+    assert spoken.stdout == (tmp_path / "b" / "calibration.json").read_text(encoding="utf-8")
+    # the same seed, two processes: the same numbers
+    assert timeless(printed) == timeless(json.loads((tmp_path / "a" / "calibration.json").read_text(encoding="utf-8")))
+
+
+def timeless(summary):
+    """calibration.json without what must differ between two runs."""
+    return {k: v for k, v in summary.items() if k not in ("seconds", "seconds_by")}
+
+
+def test_report_draws_the_page_again(command, converged, tmp_path):
+    for name in ("calibration.json", "posterior.nc"):
+        (tmp_path / name).write_bytes((converged.folder / name).read_bytes())
+    done = command("report", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"Report: {tmp_path / 'report.html'}\n"
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "hooke+gm1" in page
+    assert not re.search(r"""(?:src|href)=["']https?://""", page)
+
+
+def test_on_a_terminal_there_is_progress(voltage_campaign, tmp_path):
+    """Standard error is a terminal, standard output a pipe: progress is drawn and cleared, the summary stays clean."""
+    ours, theirs = pty.openpty()
+    arguments = [sys.executable, "-m", "bayes_dea", *map(str, quick(voltage_campaign, tmp_path / "out"))]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"TERM": "xterm"})
+    os.close(theirs)
+    drawn = b""
+    deadline = time.monotonic() + 200
+    while time.monotonic() < deadline:
+        ready, _, _ = select.select([ours], [], [], 0.2)
+        if ready:
+            try:
+                chunk = os.read(ours, 65536)
+            except OSError:  # the other end was closed
+                break
+            if not chunk:
+                break
+            drawn += chunk
+    assert process.stdout is not None
+    text = process.stdout.read().decode()
+    process.stdout.close()
+    assert process.wait(30) == 0
+    os.close(ours)
+    assert b"sampling" in drawn
+    assert b"step " in drawn
+    assert b"predicting" in drawn
+    assert "did not converge" in text
+    assert not ANSI.search(text)
+
+
+def test_a_reader_that_leaves_early(voltage_campaign, converged, tmp_path):
+    """`bayes-dea ... | head -1` ends without a complaint."""
+    for name in ("calibration.json", "posterior.nc"):
+        (tmp_path / name).write_bytes((converged.folder / name).read_bytes())
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-m", "bayes_dea", "report", str(tmp_path)], stdout=write,
+                          stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert done.returncode == 1
+    assert done.stderr == ""
+
+
+def test_bench_writes_the_same_campaign_again(command, small_campaign, tmp_path):
+    done = command("bench", "--preset", "small", "--out", tmp_path / "again", "--seed", 1)
+    assert done.returncode == 0
+    assert done.stdout == f"Campaign (simulated): {tmp_path / 'again'}\n"
+    assert done.stderr == ""
+    for path in small_campaign.iterdir():
+        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+    other = command("bench", "--preset", "small", "--out", tmp_path / "other", "--seed", 2, "--quiet")
+    assert (other.returncode, other.stdout) == (0, "")
+    assert (tmp_path / "other" / "sine_1Hz.csv").read_bytes() != (small_campaign / "sine_1Hz.csv").read_bytes()
+
+
+def test_several_folders_are_specimens_of_one_campaign(command, voltage_campaign, tmp_path):
+    done = command("bench", "--preset", "small", "--out", tmp_path / "second", "--seed", 5, "--quiet")
+    assert done.returncode == 0
+    done = command("calibrate", voltage_campaign, tmp_path / "second", "--model", "pz3", "--max-steps", 200, "--json",
+                   "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    s = json.loads(done.stdout)
+    gains = sorted(n for n in s["noise"] if n.startswith("gain_displacement"))
+    assert len(gains) == 2, "one gain a specimen"
+    assert all(np.isfinite(s["noise"][g]["mean"]) for g in gains)
+    assert len(s["recordings"]) == 10
+    assert len({r["recording"] for r in s["recordings"]}) == 10
