@@ -224,8 +224,9 @@ def _stiffness(p: Prepared) -> float:
 def _channel(
     prepared: tuple[Prepared, ...], terms: Mapping[str, NoiseTerms], channel: str, warnings: list[str]
 ) -> ChannelNoise:
-    rates = rate_classes(prepared)
     fitted = [p for p in prepared if p.recording.role == "identify"] or list(prepared)
+    # a rate at which nothing is fitted has no rho of its own: it takes that of the nearest rate
+    rates = rate_classes(tuple(fitted))
     first = terms[fitted[0].name]
     sd = float(np.median([p.quiet_sd for p in fitted]))
     guess = []

@@ -521,6 +521,8 @@ def _summary(
                 "pit_p_value": p.pit_p_value,
                 "elpd": p.elpd,
                 "pareto_k": p.pareto_k,
+                "offset": p.offset,
+                "gain": p.gain,
                 **_particulars(posterior, p.name),
             }
             for p in predictions
@@ -594,4 +596,12 @@ def _notes(
                 f"{p.name}: the model misses it by {p.rmse:.3g} {unit} RMS where the "
                 f"noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."
             )
+        # a recording's own offset and gain can swallow what the model misses; then they are larger than the sensor's
+        for what, value, sd in (("offset", p.offset, p.offset_prior_sd), ("gain", p.gain, p.gain_prior_sd)):
+            if sd > 0 and abs(value) > 4 * sd:
+                out.append(
+                    f"{p.name}: its own {what} came out at {value:.3g}, {abs(value) / sd:.0f} times what the sensor's "
+                    f"stated accuracy allows ({sd:.3g}): the {what} stands in for something that is left out, or the "
+                    "statement is wrong."
+                )
     return out

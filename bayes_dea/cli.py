@@ -155,6 +155,8 @@ def report(
 def _overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter | Prior]:
     from .priors import parse_override, read_prior_file
 
+    if file is not None and file.is_dir():
+        raise InputError(f"--priors {file}: is a folder; give a prior file (TOML, see priors/README.md)")
     out: dict[str, Any] = dict(read_prior_file(file)) if file is not None else {}
     for text in prior or []:
         name, value = parse_override(text)
@@ -202,16 +204,20 @@ def _progress(quiet: bool) -> Iterator[Any]:
         yield _interruptible(update)
 
 
-class _Terminated(BaseException):
-    """SIGTERM, turned into an exception so that files are left whole."""
+class _Interrupted(BaseException):
+    """SIGINT or SIGTERM as an exception, so that files are left whole. (typer swallows KeyboardInterrupt.)"""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.exit_status = 128 + number
 
 
 class _Signals:
-    """SIGINT and SIGTERM as exceptions: at once, or at the next `release` while `held`; a second one always at once."""
+    """Signals as exceptions: at once, or at the next `release` while `held`; a second one always at once."""
 
     def __init__(self) -> None:
         self.held = False
-        self.pending: BaseException | None = None
+        self.pending: _Interrupted | None = None
 
     def install(self) -> None:
         with contextlib.suppress(ValueError):  # not in the main thread
@@ -220,7 +226,7 @@ class _Signals:
                     signal.signal(number, self._arrived)
 
     def _arrived(self, number: int, _frame: object) -> None:
-        error: BaseException = _Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+        error = _Interrupted(number)
         if self.held and self.pending is None:
             self.pending = error
             return
@@ -254,16 +260,18 @@ def main() -> None:
 
 def _run() -> int:
     try:
-        app(standalone_mode=False)
+        status = app(standalone_mode=False)
         sys.stdout.flush()
+        return status if isinstance(status, int) else 0
     except typer.Exit as leave:
         return leave.exit_code
     except BayesDEAError as error:
         return _say(str(error), error.exit_status)
+    except _Interrupted as stop:
+        what = "terminated" if stop.exit_status == 143 else "interrupted"
+        return _say(f"{what}; call it again in the same way to continue", stop.exit_status)
     except (KeyboardInterrupt, typer.Abort):
         return _say("interrupted; call it again in the same way to continue", 130)
-    except _Terminated:
-        return _say("terminated; call it again in the same way to continue", 143)
     except MemoryError:
         return _say("out of memory; calibrate fewer or shorter recordings at once", 1)
     except BrokenPipeError:
@@ -279,7 +287,6 @@ def _run() -> int:
 
         traceback.print_exc()
         return _say("this is a defect of bayes-dea, not of your input; please report it with the lines above", 1)
-    return 0
 
 
 def _say(message: str, status: int) -> int:

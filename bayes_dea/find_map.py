@@ -27,6 +27,8 @@ from .models.model import PRIMARY, Model
 from .models.networks import maxwell_to_modes
 
 _INNER_STEPS = 12
+#: searches, each with the noise that the one before ended with
+_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class MapSettings:
 
     swarms: int = 8
     agreement: float = 0.1
-    swarm: SwarmSettings = SwarmSettings(particles=24, max_iterations=60, stall_iterations=10, tolerance=0.02)
+    swarm: SwarmSettings = SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
 
 
 @dataclass(frozen=True)
@@ -274,51 +276,85 @@ def find_map(
     its within-block reference moved to a point (None when nothing is in blocks).
     """
     s = settings or MapSettings()
-    plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
-    if linear_groups and search_model.separable:
-        starts, evaluations = _voltage_starts(posterior, search_model, linear_groups, rng, s)
-    elif not linear_groups and plain and posterior.zeros:
-        starts, evaluations = _mechanical_starts(posterior, search_model, rng, s)
-    else:
-        starts, evaluations = _box_starts(posterior, rng, s)
-    if refresh is not None:
-        posterior = refresh(posterior, starts[0])
     newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
-    found: list[NewtonPolish] = []
-    ends: list[NDArray] = []
-    for start in starts:
-        near = [i for i, other in enumerate(ends) if np.max(np.abs(other - start) / posterior_scale(posterior)) < 1e-3]
-        if near:
-            ends.append(start)
-            found.append(found[near[0]])
-            continue
-        if not np.isfinite(posterior.log_prob(start[None])[0]):
-            ends.append(np.full_like(start, np.inf))
-            found.append(
-                NewtonPolish(
-                    start, -np.inf, np.zeros((start.size,) * 2), np.zeros(start.size, bool), np.inf, False, 0, 1
-                )
-            )
-            continue
-        ends.append(start)
-        found.append(polish_newton(posterior.log_prob, start, settings=newton))
-    best = max(found, key=lambda f: f.value)
+    evaluations = 0
+    best: NewtonPolish | None = None
+    for _ in range(_ROUNDS):
+        starts, count = _starts(posterior, search_model, linear_groups, rng, s)
+        swarms = len(starts)
+        if best is not None:
+            starts.append(best.x)
+        if refresh is not None:
+            posterior = refresh(posterior, starts[0] if best is None else best.x)
+        found = _polish_all(posterior, starts, newton)
+        evaluations += count + sum(f.evaluations for f in {id(f): f for f in found}.values())
+        best = max(found, key=lambda f: f.value)
+        runs = found[:swarms]
+        if not _noise_moved(posterior, best.x):
+            break
+        # a misfit counts as noise: with that noise the projected search may see another maximum
+        posterior = _with_noise_of(posterior, best.x)
+    assert best is not None
+    near = [f for f in runs if f.value >= best.value - s.agreement or _close(posterior, f.x, best.x)]
     if refresh is not None:
         # the reference moves to the maximum, and the maximum with it
         for _ in range(2):
             posterior = refresh(posterior, best.x)
             best = polish_newton(posterior.log_prob, best.x, settings=newton)
-        agree = sum(
-            bool(
-                np.linalg.norm((f.x - best.x) / posterior_scale(posterior)) < 0.05
-                or f.value >= best.value - s.agreement
-            )
-            for f in found
-        )
-    else:
-        agree = sum(f.value >= best.value - s.agreement for f in found)
-    evaluations += sum(f.evaluations for f in {id(f): f for f in found}.values())
-    return MapResult(best.x, best.value, best.hessian, len(starts), int(agree), evaluations, best.converged), posterior
+    return MapResult(best.x, best.value, best.hessian, len(runs), len(near), evaluations, best.converged), posterior
+
+
+def _starts(
+    posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator, s: MapSettings
+) -> tuple[list[NDArray], int]:
+    """Where the swarms end, best first, as coordinates of the posterior; and how often their objective was called."""
+    plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
+    if groups and search_model.separable:
+        return _voltage_starts(posterior, search_model, groups, rng, s)
+    if not groups and plain and posterior.zeros:
+        return _mechanical_starts(posterior, search_model, rng, s)
+    return _box_starts(posterior, rng, s)
+
+
+def _polish_all(posterior: Posterior, starts: list[NDArray], newton: NewtonSettings) -> list[NewtonPolish]:
+    """Each start polished; those that stand at one and the same place share their polish."""
+    scale = posterior_scale(posterior)
+    found: list[NewtonPolish] = []
+    for i, start in enumerate(starts):
+        same = [k for k in range(i) if np.max(np.abs(starts[k] - start) / scale) < 1e-3]
+        if same:
+            found.append(found[same[0]])
+        elif np.isfinite(posterior.log_prob(start[None])[0]):
+            found.append(polish_newton(posterior.log_prob, start, settings=newton))
+        else:
+            nowhere = np.full((start.size, start.size), np.nan)
+            found.append(NewtonPolish(start, -np.inf, nowhere, np.zeros(start.size, bool), np.inf, False, 0, 1))
+    return found
+
+
+def _close(posterior: Posterior, a: NDArray, b: NDArray) -> bool:
+    return bool(np.linalg.norm((a - b) / posterior_scale(posterior)) < 0.05)
+
+
+def _noise_moved(posterior: Posterior, q: NDArray) -> bool:
+    """Whether the noise at q differs from what the search assumed by more than it forgives."""
+    for c in posterior.channels:
+        sigma, rho = posterior.noise_part(q[None], c.channel)
+        if abs(np.log(sigma[0] / c.sigma_guess)) > 0.25:
+            return True
+        guess = np.arctanh(np.clip(c.rho_guess, -0.99, 0.9999))
+        if np.any(np.abs(np.arctanh(np.clip(rho[0], -0.9999, 0.99999)) - guess) > 0.4):
+            return True
+    return False
+
+
+def _with_noise_of(posterior: Posterior, q: NDArray) -> Posterior:
+    """The posterior whose searches start from the noise at q."""
+    channels = []
+    for c in posterior.channels:
+        sigma, rho = posterior.noise_part(q[None], c.channel)
+        channels.append(replace(c, sigma_guess=float(sigma[0]), rho_guess=tuple(float(r) for r in rho[0])))
+    return replace(posterior, channels=tuple(channels))
 
 
 def posterior_scale(posterior: Posterior) -> NDArray:

@@ -44,6 +44,10 @@ class Prediction:
     noise_floor: float
     elpd: float | None
     pareto_k: float | None
+    offset: float  # of this recording at its posterior, in the unit of the output
+    offset_prior_sd: float
+    gain: float  # of this recording's group, this recording included
+    gain_prior_sd: float
     time_s: NDArray[np.float64] = field(repr=False)  # (nb,) mean time of each block
     input: NDArray[np.float64] = field(repr=False)  # (nb,)
     observed: NDArray[np.float64] = field(repr=False)
@@ -233,6 +237,10 @@ def _predict_one(
         floor,
         elpd,
         k,
+        float(added[0]),
+        float(prior[0] ** -0.5),
+        gain,
+        group.gain_sd,
         blocks.time_s,
         block_means(np.nan_to_num(r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks),
         y_blocks,

@@ -243,6 +243,8 @@ class PriorSet:
             total[np.any(z[:, index[1:]] >= z[:, index[:-1]], axis=1)] = -np.inf
             if set(index.tolist()) <= set(own):
                 total -= group.log_mass
+        low, high = self._bounds.T
+        total[np.any((z <= low) | (z >= high), axis=1)] = -np.inf
         return total
 
     def _compiled_table(self) -> tuple:

@@ -234,7 +234,7 @@ def test_prior_files(refused, small_campaign, tmp_path):
     assert "lacks 'log_sd'" in refused(*arguments, tmp_path / "my.toml")
     (tmp_path / "my.toml").write_text('[parameters.YPa]\nprior = "fixed"\nvalue = 1e6\nunit = "Pa"\nsource = "me"\n')
     assert "did you mean Y_Pa" in refused(*arguments, tmp_path / "my.toml")
-    assert "prior file" in refused(*arguments, tmp_path)
+    assert "is a folder; give a prior file" in refused(*arguments, tmp_path)
 
 
 # ---------------------------------------------------------------- options and folders

@@ -33,23 +33,29 @@ def notebook(tmp_path, monkeypatch, voltage_campaign):
     return tmp_path
 
 
-@pytest.mark.parametrize("source", ["docstring", "README"])
-def test_the_example_runs_as_printed(notebook, source):
-    code = five_lines(bd.__doc__ if source == "docstring" else README.read_text(encoding="utf-8"))
-    tree = ast.parse(code)
-    assert len(tree.body) == 5
-    # two branches fewer and few steps: what is tested is that the lines work, not the numbers
+def calls(code):
+    return [ast.unparse(node.func) for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call)]
+
+
+def test_the_example_of_the_readme_runs_as_printed(notebook):
+    code = five_lines(README.read_text(encoding="utf-8"))
+    assert len(ast.parse(code).body) == 5
+    # fewer branches and few steps: what is tested is that the lines work, not the numbers
     quick = bd.CalibrationSettings(predictive_draws=20)
     quick = replace(quick, sampler=replace(quick.sampler, max_steps=100))
     assert '"hooke+gm3", seed=1)' in code
-    code = code.replace('"hooke+gm3", seed=1)', '"hooke+gm1", seed=1, settings=quick)')
+    short = code.replace('"hooke+gm3", seed=1)', '"hooke+gm1", seed=1, settings=quick)')
     printed = io.StringIO()
     with redirect_stdout(printed), pytest.warns(bd.NotConvergedWarning):
-        exec(code, {"quick": quick})
+        exec(short, {"quick": quick})
     numbers = [float(x) for x in re.findall(r"\d+\.\d+", printed.getvalue())]
     assert any(5e5 < x < 5e6 for x in numbers)
     (saved,) = notebook.glob("out*/**/calibration.json")
     assert {p.name for p in saved.parent.iterdir()} == {"calibration.json", "posterior.nc", "report.html"}
+    # the docstring of the package shows the same lines
+    documented = five_lines(bd.__doc__)
+    assert len(ast.parse(documented).body) == 5
+    assert calls(documented) == calls(code)
 
 
 def test_every_public_name_is_there():
@@ -149,3 +155,17 @@ def test_gm_and_gkv_are_one_function():
     back = bd.gkv_to_gm(*there)
     for a, b in zip(back, (Y, k, tau), strict=True):
         assert np.ravel(a) == pytest.approx(np.ravel(b), rel=1e-9)
+
+
+def test_several_folders_are_specimens_of_one_campaign(voltage_campaign, once):
+    second = once("second", lambda folder: bd.run_bench(folder, "small", seed=5))
+    campaign = bd.load_campaign([voltage_campaign, second])
+    assert len({r.specimen for r in campaign.recordings}) == 2
+    settings = bd.CalibrationSettings(predictive_draws=20)
+    settings = replace(settings, sampler=replace(settings.sampler, max_steps=100))
+    with pytest.warns(bd.NotConvergedWarning):
+        s = bd.calibrate(campaign, "ss3", settings=settings).summary
+    gains = [e["mean"] for n, e in s["noise"].items() if n.startswith("gain_displacement_")]
+    assert len(gains) == 2, "one gain a specimen"
+    assert np.all(np.isfinite(gains))
+    assert len({r["recording"] for r in s["recordings"]}) == len(s["recordings"]) == 10

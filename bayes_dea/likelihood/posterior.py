@@ -196,7 +196,7 @@ class Posterior:
         out = [z.mean for z in self.zeros]
         for c in self.channels:
             out.append(math.log(c.sigma_guess))
-            out += [math.atanh(np.clip(r, -0.99, 0.999)) for r in c.rho_guess]
+            out += [math.atanh(np.clip(r, -0.99, 0.9999)) for r in c.rho_guess]
         return np.array(out)
 
     # ------------------------------------------------------------ reporting

@@ -80,7 +80,11 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         )
     y = np.asarray(recording.columns[recording.output], float)
     drive = filled_input(recording.columns["voltage_V" if recording.is_voltage else "position_m"])
-    dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
+    # drop-outs are a fault of laser sensors; a force that leaps for a sample may be real
+    if channel == "displacement":
+        dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
+    else:
+        dropouts = np.zeros(y.size, dtype=bool)
     observed = np.isfinite(y) & ~dropouts
     if observed.sum() < 20:
         raise InputError(

@@ -98,19 +98,30 @@ def _weights(h, T):
     return a, m0 - 3 * m1 + 2 * m2, 4 * (m1 - m2), 2 * m2 - m1
 
 
-@nb.njit(cache=True)
-def _pass4(s, out, a0, a1, a2, a3, c0, c1, c2, c3, f):
-    """Even steps, input held: four modes in one pass, out += sum c f. f is the state carried in and out."""
-    f0, f1, f2, f3 = f[0], f[1], f[2], f[3]
-    b0, b1, b2, b3 = 1.0 - a0, 1.0 - a1, 1.0 - a2, 1.0 - a3
-    for i in range(s.size):
-        v = s[i]
-        f0 = a0 * f0 + b0 * v
-        f1 = a1 * f1 + b1 * v
-        f2 = a2 * f2 + b2 * v
-        f3 = a3 * f3 + b3 * v
-        out[i] += (c0 * f0 + c1 * f1) + (c2 * f2 + c3 * f3)
-    f[0], f[1], f[2], f[3] = f0, f1, f2, f3
+@nb.njit(cache=True, fastmath={"contract"})  # a fused multiply-add: half the latency of the carried state
+def _pass4(s, direct, D, add, out, a0, a1, a2, a3, c0, c1, c2, c3, g):
+    """Even steps, input held: four modes in one pass. g: their states over their input weights 1 - a, so that one
+    multiply-add carries each on; c: coefficients times these weights. out = D direct + sum c g, or, with `add`,
+    out += sum c g.
+    """
+    g0, g1, g2, g3 = g[0], g[1], g[2], g[3]
+    if add:
+        for i in range(s.size):
+            v = s[i]
+            g0 = a0 * g0 + v
+            g1 = a1 * g1 + v
+            g2 = a2 * g2 + v
+            g3 = a3 * g3 + v
+            out[i] += (c0 * g0 + c1 * g1) + (c2 * g2 + c3 * g3)
+    else:
+        for i in range(s.size):
+            v = s[i]
+            g0 = a0 * g0 + v
+            g1 = a1 * g1 + v
+            g2 = a2 * g2 + v
+            g3 = a3 * g3 + v
+            out[i] = D * direct[i] + ((c0 * g0 + c1 * g1) + (c2 * g2 + c3 * g3))
+    g[0], g[1], g[2], g[3] = g0, g1, g2, g3
 
 
 @nb.njit(cache=True)
@@ -122,25 +133,29 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
     n = s.size
     m = T.size
     states = f0.copy()
-    for i in range(n):
-        out[i] = D * s[i]
-    if uniform > 0 and hold != 2:
+    if uniform > 0 and hold != 2 and m > 0:
         # row 0 is the start: the state there is f0, in force before it is nothing known
         first = s[1:] if hold == 0 else s[:-1]
+        out[0] = D * s[0]
         a = np.zeros(4)
         cc = np.zeros(4)
-        f = np.zeros(4)
+        g = np.zeros(4)
         for j0 in range(0, m, 4):
             k = min(4, m - j0)
             for j in range(4):
-                a[j] = np.exp(-uniform / T[j0 + j]) if j < k else 0.0
-                cc[j] = c[j0 + j] if j < k else 0.0
-                f[j] = states[j0 + j] if j < k else 0.0
-                out[0] += cc[j] * f[j]
-            _pass4(first, out[1:], a[0], a[1], a[2], a[3], cc[0], cc[1], cc[2], cc[3], f)
+                a[j] = cc[j] = g[j] = 0.0
+                if j < k:
+                    b = -np.expm1(-uniform / T[j0 + j])
+                    a[j] = np.exp(-uniform / T[j0 + j])
+                    cc[j] = c[j0 + j] * b
+                    g[j] = states[j0 + j] / b if b > 0 else 0.0
+                    out[0] += c[j0 + j] * states[j0 + j]
+            _pass4(first, s[1:], D, j0 > 0, out[1:], a[0], a[1], a[2], a[3], cc[0], cc[1], cc[2], cc[3], g)
             for j in range(k):
-                states[j0 + j] = f[j]
+                states[j0 + j] = g[j] * -np.expm1(-uniform / T[j0 + j])
         return states
+    for i in range(n):
+        out[i] = D * s[i]
     for j in range(m):
         f = states[j]
         out[0] += c[j] * f

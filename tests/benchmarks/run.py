@@ -113,21 +113,25 @@ def main() -> None:
     parser.add_argument(
         "--campaign", type=Path, help="an existing `bayes-dea bench --preset paper` campaign, instead of a new one"
     )
+    parser.add_argument(
+        "--page", action="store_true", help="measure nothing: draw page and figure of benchmarks.json again"
+    )
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     target = arguments.out / "benchmarks.json"
     results: dict[str, Any] = {}
-    if arguments.only and target.exists():
+    if (arguments.only or arguments.page) and target.exists():
         results = json.loads(target.read_text(encoding="utf-8"))
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as folder:
         for name, call in parts(arguments.quick, Path(folder), arguments.campaign).items():
-            if arguments.only and name not in arguments.only:
+            if arguments.page or (arguments.only and name not in arguments.only):
                 continue
             began = time.perf_counter()
             results[name] = call()
             print(f"{name}: {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
-    results["meta"] = meta(arguments.quick)
+    if not arguments.page:
+        results["meta"] = meta(arguments.quick)
     results["goals"] = goals.goals(results)
     target.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     (arguments.out / "README.md").write_text(goals.markdown(results), encoding="utf-8")

@@ -1,0 +1,205 @@
+"""Interrupted runs go on to the same numbers (CONTRACT 2), and what must not change the numbers does not."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import bayes_dea as bd
+from bayes_dea.fit.ensemble import EnsembleSettings
+from bayes_dea.results import plain
+from bayes_dea.run_state import checkpoint_for, finished
+
+EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -signal.SIGKILL}
+
+
+def timeless(summary):
+    """calibration.json without what must differ between two runs."""
+    return {k: v for k, v in plain(summary).items() if k not in ("seconds", "seconds_by", "command")}
+
+
+def stamps(folder):
+    return {p.name: p.stat().st_mtime_ns for p in folder.glob(".checkpoint-*.npz")}
+
+
+def interrupt(arguments, out, number):
+    """Start a calibration, wait for a new checkpoint, send the signal; returns exit status and standard error."""
+    before = stamps(out) if out.is_dir() else {}
+    process = subprocess.Popen([sys.executable, "-m", "bayes_dea", *arguments], stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 200
+    while time.monotonic() < deadline and process.poll() is None and stamps(out) == before:
+        time.sleep(0.005)
+    process.send_signal(number)
+    stdout, stderr = process.communicate(timeout=60)
+    assert stdout == ""
+    return process.returncode, stderr
+
+
+def test_interrupted_terminated_and_killed_it_ends_with_the_same_numbers(voltage_campaign, converged, command, tmp_path):
+    out = tmp_path / "out"
+    arguments = ["calibrate", str(voltage_campaign), "--model", "hooke+gm1", "--out", str(out), "--workers", "1",
+                 "--checkpoint-seconds", "0"]
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        status, said = interrupt(arguments, out, number)
+        assert status == EXIT[number], said
+        if number != signal.SIGKILL:
+            (line,) = said.splitlines()
+            assert line.endswith("call it again in the same way to continue")
+        left = [p.name for p in out.iterdir()]
+        assert len([n for n in left if re.fullmatch(r"\.checkpoint-[0-9a-f]{20}\.npz", n)]) == 1
+        assert "calibration.json" not in left, "results are written when there are some"
+    (checkpoint,) = out.glob(".checkpoint-*.npz")
+    with np.load(checkpoint) as state:
+        done_before = int(state["counts"][0])
+    assert 20 <= done_before < converged.summary["sampler"]["steps"]
+    done = command(*arguments, "--quiet")
+    assert done.returncode == 0, done.stderr
+    s = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
+    assert timeless(s) == timeless(converged.summary)
+    assert sorted(p.name for p in out.iterdir()) == ["calibration.json", "posterior.nc", "report.html"]
+    ours, theirs = bd.load_posterior(out), bd.load_posterior(converged.folder)
+    for group in ("posterior", "log_likelihood", "posterior_predictive", "prior"):
+        for name, values in theirs[group].data_vars.items():
+            assert np.array_equal(ours[group][name].values, values.values, equal_nan=True), (group, name)
+
+
+# ---------------------------------------------------------------- in this process, so that the sampler can be watched
+
+QUICK = bd.CalibrationSettings(predictive_draws=20, sampler=EnsembleSettings(max_steps=200, checkpoint_seconds=0.0))
+
+
+class _StopError(Exception):
+    pass
+
+
+def calibrate(campaign, seed=1, settings=QUICK, model="hooke+gm1", **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.NotConvergedWarning)
+        return bd.calibrate(campaign, model, seed, settings, **options)
+
+
+@pytest.fixture(scope="module")
+def campaign(voltage_campaign):
+    return bd.load_campaign(voltage_campaign)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(campaign):
+    return calibrate(campaign)
+
+
+def steps_of(seen):
+    texts = [text for phase, text in seen if phase == "sampling" and text.startswith("step ")]
+    return [int(text.split()[1].rstrip(",")) for text in texts]
+
+
+def test_a_resumed_run_does_not_begin_anew(campaign, undisturbed, tmp_path):
+    checkpoint = tmp_path / "c.npz"
+    first, second = [], []
+
+    def stop(phase, done, of, text):
+        first.append((phase, text))
+        if phase == "sampling" and text.startswith("step 100,"):
+            raise _StopError
+
+    with pytest.raises(_StopError):
+        calibrate(campaign, report=stop, checkpoint=checkpoint)
+    assert steps_of(first) == [20, 40, 60, 80, 100]
+    again = calibrate(campaign, report=lambda phase, done, of, text: second.append((phase, text)),
+                      checkpoint=checkpoint)
+    assert steps_of(second)[0] == 120
+    assert timeless(again.summary) == timeless(undisturbed.summary)
+    assert np.array_equal(again.draws, undisturbed.draws)
+
+
+def test_a_checkpoint_that_does_not_fit_is_not_used(campaign, undisturbed, tmp_path):
+    checkpoint = tmp_path / "c.npz"
+    calibrate(campaign, seed=2, checkpoint=checkpoint)
+    assert checkpoint.exists()
+    again = calibrate(campaign, seed=1, checkpoint=checkpoint)  # left by another seed
+    assert timeless(again.summary) == timeless(undisturbed.summary)
+    checkpoint.write_bytes(checkpoint.read_bytes()[:1000])  # damaged
+    again = calibrate(campaign, seed=1, checkpoint=checkpoint)
+    assert timeless(again.summary) == timeless(undisturbed.summary)
+
+
+def test_workers_change_no_number(small_campaign):
+    both = bd.load_campaign(small_campaign)
+    few = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=60))
+    one = calibrate(both, settings=replace(few, workers=1))
+    three = calibrate(both, settings=replace(few, workers=3))
+    assert timeless(one.summary) == timeless(three.summary)
+    assert np.array_equal(one.draws, three.draws)
+    for a, b in zip(one.predictions, three.predictions, strict=True):
+        assert np.array_equal(a.draws, b.draws)
+
+
+def test_another_seed_gives_other_draws(campaign, undisturbed):
+    other = calibrate(campaign, seed=2)
+    assert not np.array_equal(other.draws, undisturbed.draws)
+    # the maximum is the same whatever the swarm's luck
+    assert other.map.log_posterior == pytest.approx(undisturbed.map.log_posterior, abs=1e-3)
+
+
+def test_permuted_columns_change_nothing(voltage_campaign, undisturbed, tmp_path):
+    folder = shutil.copytree(voltage_campaign, tmp_path / "voltage")
+    for path in folder.glob("*.csv"):
+        rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+        path.write_text("\n".join(",".join([r[2], r[0], r[1], *r[3:]]) for r in rows) + "\n", encoding="utf-8")
+    permuted = calibrate(bd.load_campaign(folder))
+    without = [{k: v for k, v in timeless(r.summary).items() if k != "inputs"} for r in (permuted, undisturbed)]
+    assert without[0] == without[1]
+
+
+def test_order_of_recordings_matters_no_more_than_chance(voltage_campaign, converged, calibrated, tmp_path_factory):
+    folder = shutil.copytree(voltage_campaign, tmp_path_factory.mktemp("reversed") / "voltage")
+    toml = folder / "campaign.toml"
+    parts = re.split(r"(?=\[\[recording\]\])|(?=\[meta\])", toml.read_text(encoding="utf-8"))
+    recordings = [p for p in parts if p.startswith("[[recording]]")]
+    others = [p for p in parts if not p.startswith("[[recording]]")]
+    toml.write_text("".join([others[0], *reversed(recordings), *others[1:]]), encoding="utf-8")
+    campaign = bd.load_campaign(folder)
+    assert campaign.recordings[0].name == "rectangle_1Hz.csv"
+    turned = bd.calibrate(campaign, "hooke+gm1", seed=1, settings=bd.CalibrationSettings(predictive_draws=20))
+    assert turned.converged
+    for name, theirs in converged.summary["parameters"].items():
+        ours = turned.parameters[name]
+        # of 2,000 stored draws, with an ESS of 400 at least
+        assert abs(ours["mean"] - theirs["mean"]) < 5 * theirs["sd"] * np.sqrt(2 / 400), name
+        assert ours["map"] == pytest.approx(theirs["map"], rel=1e-3), name
+    assert turned.summary["map_log_posterior"] == pytest.approx(converged.summary["map_log_posterior"], abs=1e-2)
+    ours, theirs = turned.summary, converged.summary
+    spread = np.hypot(ours["log_evidence_se"], theirs["log_evidence_se"])
+    assert abs(ours["log_evidence"] - theirs["log_evidence"]) < 5 * spread + 0.02
+
+
+# ---------------------------------------------------------------- the folder's state
+
+def test_a_checkpoint_is_named_after_its_run(tmp_path):
+    run = {"model": "hooke", "seed": 1, "inputs": ["a", "b"]}
+    path = checkpoint_for(tmp_path, run)
+    assert path.parent == tmp_path
+    assert checkpoint_for(tmp_path, dict(reversed(run.items()))) == path
+    for other in ({"seed": 2}, {"model": "hooke+gm1"}, {"inputs": ["b", "a"]}):
+        assert checkpoint_for(tmp_path, run | other) != path
+    path.write_bytes(b"x")
+    checkpoint_for(tmp_path, run | {"seed": 2})
+    assert path.exists(), "another command must not throw away hours"
+
+
+def test_what_killed_runs_left_goes_when_one_ends(tmp_path):
+    rest = [".checkpoint-0123.npz", ".checkpoint-0123.npzabc.part", ".posterior.nc.x1y2.nc", ".report.html.q.html",
+            ".calibration.json.z.json"]
+    for name in (*rest, "calibration.json", "notes.txt", ".hidden"):
+        (tmp_path / name).write_bytes(b"x")
+    finished(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".hidden", "calibration.json", "notes.txt"]
