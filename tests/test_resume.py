@@ -44,7 +44,7 @@ def interrupt(arguments, out, number):
     return process.returncode, stderr
 
 
-def test_interrupted_terminated_and_killed_it_ends_with_the_same_numbers(voltage_campaign, converged, command, tmp_path):
+def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, converged, command, tmp_path):
     out = tmp_path / "out"
     arguments = ["calibrate", str(voltage_campaign), "--model", "hooke+gm1", "--out", str(out), "--workers", "1",
                  "--checkpoint-seconds", "0"]

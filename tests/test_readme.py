@@ -1,0 +1,93 @@
+"""What the README and the READMEs of the runs show works as printed."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.M | re.S)
+
+
+@pytest.fixture
+def beside_quickstart(tmp_path: Path, voltage_campaign: Path) -> Path:
+    """A folder that holds a campaign called quickstart, small enough for a test."""
+    shutil.copytree(voltage_campaign, tmp_path / "quickstart")
+    return tmp_path
+
+
+def test_python_block_runs(beside_quickstart: Path):
+    (code,) = blocks("python")
+    assert 3 <= len([line for line in code.splitlines() if line.strip()]) <= 6
+    done = subprocess.run([sys.executable, "-c", code], cwd=beside_quickstart, capture_output=True, text=True,
+                          timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    mean, sd = map(float, done.stdout.split())
+    assert 1e5 < mean < 1e7
+    assert 0 < sd < mean
+    assert (beside_quickstart / "out" / "notebook" / "report.html").is_file()
+
+
+def test_commands_with_priors_run(beside_quickstart: Path):
+    commands = re.findall(r"^    (bayes-dea calibrate .*)$", README, re.M)
+    assert len(commands) == 2
+    (beside_quickstart / "my_priors.toml").write_text(
+        '[parameters.Y_Pa]\nprior = "lognormal"\nmedian = 1.1e6\nlog_sd = 0.3\nunit = "Pa"\nsource = "a test"\n',
+        encoding="utf-8")
+    for text in commands:
+        words = [sys.executable, "-m", "bayes_dea", *shlex.split(text)[1:], "--max-steps", "200", "--quiet"]
+        done = subprocess.run(words, cwd=beside_quickstart, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_campaign_blocks_are_what_the_reader_takes(tmp_path: Path):
+    import numpy as np
+
+    import bayes_dea as bd
+
+    campaign, form = blocks("toml")
+    recording = tomllib.loads(campaign)["recording"][0]
+    assert set(tomllib.loads(form)["format"]) == {"delimiter", "decimal", "encoding", "skip_rows", "columns"}
+    t = np.arange(200) * 0.01
+    V = np.where(t > 0.5, 600.0, 0.0)
+    x = V**2 * 7e-11
+    lines = ["bench 3", "Time (s);HV monitor;Laser"]
+    lines += [f"{a:.2f};{b / 1e3:.4f};{1.5 - c * 1e3:.6f}".replace(".", ",") for a, b, c in zip(t, V, x, strict=True)]
+    (tmp_path / recording["file"]).write_text("\n".join(lines) + "\n", encoding="latin-1")
+    (tmp_path / "campaign.toml").write_text(campaign + form, encoding="utf-8")
+    read = bd.load_campaign(tmp_path).recordings[0]
+    np.testing.assert_allclose(read.columns["voltage_V"], V)
+    np.testing.assert_allclose(read.columns["displacement_m"], x, atol=1e-9)
+
+
+def test_models_that_the_readme_names_exist():
+    import bayes_dea as bd
+
+    table = README.split("## Models")[1].split("## A campaign")[0]
+    named = set(re.findall(r"`([a-z0-9+]+)`", table))
+    for text in named - {"hooke+gmN", "hooke+gkvN"}:
+        if re.fullmatch(r"(gm|gkv|gkm)\d", text):
+            text = f"hooke+{text}"
+        if "N" not in text:
+            assert bd.build_model(text).name
+    assert {"hooke", "neohooke", "yeoh", "ogden", "mooney", "gent", "pz3", "ss3"} <= named
+
+
+@pytest.mark.parametrize("name", ["quickstart", "vhb4910", "hasel"])
+def test_every_run_has_a_readme_with_a_command(name: str):
+    text = (ROOT / "runs" / name / "README.md").read_text(encoding="utf-8")
+    assert "bayes-dea calibrate" in text
+
+
+def test_files_that_the_readme_points_to_exist():
+    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
+        assert (ROOT / target).exists(), target
