@@ -38,7 +38,8 @@ def stroke_factor(actuator: Actuator) -> float:
 
 
 def _number(actuator: Actuator, name: str) -> float:
-    require(actuator, (name,), "a voltage recording")
+    if getattr(actuator, name) is None:  # name all that is missing at once
+        require(actuator, VOLTAGE_GEOMETRY, "a voltage recording")
     return float(getattr(actuator, name))
 
 
