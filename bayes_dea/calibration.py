@@ -577,7 +577,7 @@ def _notes(
     if not sampling.converged:
         out.append(
             f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it "
-            "longer (--max-steps) or ask less of the recordings (fewer elements)."
+            "longer (--max-steps; it goes on where it stopped) or ask less of the recordings (fewer elements)."
         )
     if found.agree < found.swarms:
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")

@@ -103,7 +103,7 @@ def calibrate(
         result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
         report("writing the report", 0, 1, str(out))
         result.save(out)
-        finished(out)
+        finished(out, keep=None if result.converged else checkpoint)
     if json_output:
         typer.echo((out / CALIBRATION_FILE).read_text(encoding="utf-8"), nl=False)
     elif not quiet:
@@ -260,7 +260,7 @@ def main() -> None:
 
 def _run() -> int:
     try:
-        status = app(standalone_mode=False)
+        status = app(standalone_mode=False, prog_name="bayes-dea")
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except typer.Exit as leave:

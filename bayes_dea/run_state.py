@@ -24,8 +24,9 @@ def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
     return folder / f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
 
-def finished(folder: Path) -> None:
-    """The results are written: nothing is left to continue, and what killed runs left behind goes too."""
+def finished(folder: Path, keep: Path | None = None) -> None:
+    """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
     for pattern in (f"{_PREFIX}*.npz", *_LEFTOVERS):
         for path in folder.glob(pattern):
-            path.unlink(missing_ok=True)
+            if path != keep:
+                path.unlink(missing_ok=True)

@@ -86,6 +86,12 @@ def voltage_campaign(small_campaign: Path, once: Callable[..., Path]) -> Path:
     return once("voltage", fill)
 
 
+@pytest.fixture
+def without_refits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ELPDs that would need another sampling run stay unknown: half the time of a short calibration."""
+    monkeypatch.setattr("bayes_dea.calibration._refit_left_out", lambda a, b, predictions, *rest: predictions)
+
+
 def result(folder: Path, stdout: str, stderr: str) -> SimpleNamespace:
     """A calibration's folder with what is in calibration.json and what was printed."""
     def refuse(token: str) -> float:

@@ -165,3 +165,14 @@ def test_bench_writes_the_same_campaign_again(command, small_campaign, tmp_path)
     other = command("bench", "--preset", "small", "--out", tmp_path / "other", "--seed", 2, "--quiet")
     assert (other.returncode, other.stdout) == (0, "")
     assert (tmp_path / "other" / "sine_1Hz.csv").read_bytes() != (small_campaign / "sine_1Hz.csv").read_bytes()
+
+
+def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
+    file = tmp_path / "my.toml"
+    table = '[parameters.{}]\nprior = "fixed"\nvalue = {}\nunit = "{}"\nsource = "my own tensile test"\n'
+    file.write_text(table.format("Y_Pa", 1e6, "Pa") + table.format("tau_1_s", 2.0, "s"), encoding="utf-8")
+    model = bd.build_model("hooke+gm1", cli._overrides(["Y_Pa=lognormal(9e5, 0.1)"], file))
+    priors = {p.name: p for p in model.parameters}
+    assert str(priors["Y_Pa"].prior) == "lognormal(900000, 0.1)"
+    assert str(priors["tau_1_s"].prior) == "fixed(2)"
+    assert priors["tau_1_s"].source == "my own tensile test"

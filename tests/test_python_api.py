@@ -37,6 +37,7 @@ def calls(code):
     return [ast.unparse(node.func) for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call)]
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_the_example_of_the_readme_runs_as_printed(notebook):
     code = five_lines(README.read_text(encoding="utf-8"))
     assert len(ast.parse(code).body) == 5
@@ -131,6 +132,7 @@ def test_build_model_with_overrides():
         bd.Prior("uniform", 2.0, 1.0)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_a_campaign_made_of_arrays_calibrates(voltage_campaign):
     loaded = bd.load_campaign(voltage_campaign)
     recordings = [bd.recording_from_arrays(r.name, r.kind, dict(r.columns), r.role, r.actuator, zeroed=r.zeroed)
@@ -157,6 +159,7 @@ def test_gm_and_gkv_are_one_function():
         assert np.ravel(a) == pytest.approx(np.ravel(b), rel=1e-9)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_several_folders_are_specimens_of_one_campaign(voltage_campaign, once):
     second = once("second", lambda folder: bd.run_bench(folder, "small", seed=5))
     campaign = bd.load_campaign([voltage_campaign, second])

@@ -94,7 +94,9 @@ def campaign(voltage_campaign):
 
 @pytest.fixture(scope="module")
 def undisturbed(campaign):
-    return calibrate(campaign)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_dea.calibration._refit_left_out", lambda a, b, predictions, *rest: predictions)
+        return calibrate(campaign)
 
 
 def steps_of(seen):
@@ -102,6 +104,7 @@ def steps_of(seen):
     return [int(text.split()[1].rstrip(",")) for text in texts]
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_a_resumed_run_does_not_begin_anew(campaign, undisturbed, tmp_path):
     checkpoint = tmp_path / "c.npz"
     first, second = [], []
@@ -121,6 +124,18 @@ def test_a_resumed_run_does_not_begin_anew(campaign, undisturbed, tmp_path):
     assert np.array_equal(again.draws, undisturbed.draws)
 
 
+@pytest.mark.usefixtures("without_refits")
+def test_a_run_that_stopped_too_early_goes_on_when_it_may_take_longer(campaign, undisturbed, tmp_path):
+    seen = []
+    short = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=100))
+    assert calibrate(campaign, settings=short, checkpoint=tmp_path / "c.npz").summary["sampler"]["steps"] == 100
+    longer = calibrate(campaign, report=lambda phase, done, of, text: seen.append((phase, text)),
+                       checkpoint=tmp_path / "c.npz")
+    assert steps_of(seen) == [120, 140, 160, 180, 200]
+    assert timeless(longer.summary) == timeless(undisturbed.summary)
+
+
+@pytest.mark.usefixtures("without_refits")
 def test_a_checkpoint_that_does_not_fit_is_not_used(campaign, undisturbed, tmp_path):
     checkpoint = tmp_path / "c.npz"
     calibrate(campaign, seed=2, checkpoint=checkpoint)
@@ -132,6 +147,7 @@ def test_a_checkpoint_that_does_not_fit_is_not_used(campaign, undisturbed, tmp_p
     assert timeless(again.summary) == timeless(undisturbed.summary)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_workers_change_no_number(small_campaign):
     both = bd.load_campaign(small_campaign)
     few = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=60))
@@ -143,6 +159,7 @@ def test_workers_change_no_number(small_campaign):
         assert np.array_equal(a.draws, b.draws)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_another_seed_gives_other_draws(campaign, undisturbed):
     other = calibrate(campaign, seed=2)
     assert not np.array_equal(other.draws, undisturbed.draws)
@@ -150,6 +167,7 @@ def test_another_seed_gives_other_draws(campaign, undisturbed):
     assert other.map.log_posterior == pytest.approx(undisturbed.map.log_posterior, abs=1e-3)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_permuted_columns_change_nothing(voltage_campaign, undisturbed, tmp_path):
     folder = shutil.copytree(voltage_campaign, tmp_path / "voltage")
     for path in folder.glob("*.csv"):
@@ -201,5 +219,8 @@ def test_what_killed_runs_left_goes_when_one_ends(tmp_path):
             ".calibration.json.z.json"]
     for name in (*rest, "calibration.json", "notes.txt", ".hidden"):
         (tmp_path / name).write_bytes(b"x")
+    finished(tmp_path, keep=tmp_path / ".checkpoint-0123.npz")
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".checkpoint-0123.npz", ".hidden", "calibration.json",
+                                                          "notes.txt"]
     finished(tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == [".hidden", "calibration.json", "notes.txt"]

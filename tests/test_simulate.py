@@ -7,9 +7,9 @@ from scipy.signal import TransferFunction, lsim
 from bayes_dea.bench.rig import Geometry, Material, Rig
 from bayes_dea.campaign import Actuator, recording_from_arrays
 from bayes_dea.errors import InputError
+from bayes_dea.forward import imposed_position, simulate
 from bayes_dea.models.model import build_model
 from bayes_dea.models.networks import gm_to_gkv
-from bayes_dea.forward import imposed_position, simulate
 
 ACTUATOR = Actuator(layers=399, layer_thickness_m=25e-6, relative_permittivity=2.8,
                     electrode_area_m2=7.5602e-5, total_area_m2=1.1450e-4, stack_height_m=10.261e-3)

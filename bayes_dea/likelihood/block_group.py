@@ -28,6 +28,9 @@ from ..noise.stated import NoiseTerms
 from .linear_group import nuisance_sd
 from .prepare import Prepared, RateClasses
 
+#: beyond, the variance of a sample given the one before is lost to rounding
+_LARGEST_RHO = 1 - 1e-9
+
 
 @dataclass(frozen=True)
 class BlockRecord:
@@ -140,7 +143,7 @@ def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
         columns[0] = X[b]
         columns[1] = y
         columns[2:] = nuisance
-        good = sigma[b] > 0 and abs(rho[b]) < 1
+        good = sigma[b] > 0 and abs(rho[b]) < _LARGEST_RHO
         for i in range(n):
             if not math.isfinite(X[b, i]):
                 good = False
@@ -187,7 +190,7 @@ def _within_terms(sums, residual_means, counts, gaps, sigma, rho, white, out):
     W = np.empty((1, n))
     column[0] = residual_means
     for b in range(sigma.size):
-        if not (sigma[b] > 0 and abs(rho[b]) < 1):
+        if not (sigma[b] > 0 and abs(rho[b]) < _LARGEST_RHO):
             out[b] = np.nan
             continue
         s2 = sigma[b] * sigma[b] + white

@@ -248,7 +248,7 @@ def evaluate(coef, sigma, rho, total, steps, rates, pairs, chains, n, side, inne
     for b in range(B):
         good = sigma[b] > 0
         for i in range(rho.shape[1]):
-            good = good and -1 < rho[b, i] < 1
+            good = good and abs(rho[b, i]) < 1 - 1e-9  # beyond, 1 - rho^2 is lost to rounding
         if not good:
             out[b, 0] = -np.inf
             continue

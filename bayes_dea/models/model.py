@@ -20,13 +20,14 @@ from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
 from .spec import Spec, parse_spec
 
 #: the law's parameter that carries its small-strain modulus, and the modulus per unit of it
+#: (Ogden: 1.5 alpha1, at the median of the exponent's prior)
 PRIMARY = {
     "hooke": ("Y_Pa", 1.0),
     "neohooke": ("C1_Pa", 6.0),
     "yeoh": ("C1_Pa", 6.0),
     "mooney": ("C1_Pa", 6.0),
     "gent": ("mu_Pa", 3.0),
-    "ogden": ("mu1_Pa", 1.5),
+    "ogden": ("mu1_Pa", 7.5),
 }
 #: sample time that the discrete state space is stated for (s), as in the reference paper's Table SVIII
 STATE_SPACE_STEP_S = 0.01

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bayes_dea.campaign import Actuator, recording_from_arrays
+from bayes_dea.forward import simulate
 from bayes_dea.models.chain import Material, forces
 from bayes_dea.models.electrostatics import stroke_factor, voltage_drive
 from bayes_dea.models.lags import simulate_modes
 from bayes_dea.models.mechanics import GM
 from bayes_dea.models.model import build_model
 from bayes_dea.models.networks import gm_to_gkv, maxwell_to_modes
-from bayes_dea.forward import simulate
 
 ACTUATOR = Actuator(layers=399, layer_thickness_m=25e-6, relative_permittivity=2.8,
                     electrode_area_m2=7.5602e-5, total_area_m2=1.1450e-4, stack_height_m=10.261e-3)

@@ -206,3 +206,30 @@ def test_mechanical_blocks_are_means_of_the_force():
     assert np.abs(found - expected)[late].max() < 5e-3
     assert record.contact == 1
     assert record.input_variance > 0
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8, 0.999])
+def test_a_large_misfit_at_the_reference_is_never_worth_anything(rho):
+    """What lies within the blocks of a coherent residual is small: a tiny sigma must not turn it into a gain."""
+    prepared = voltage_record("a", 600, step=0.02)
+    residual = 1e-4 * np.sin(0.2 * prepared.recording.time_s) + 1e-6 * np.random.default_rng(0).standard_normal(600)
+    group = group_of([prepared], noise_terms(quantisation_variance=(1e-6) ** 2 / 12))
+    referred = group.with_reference({"a": residual})
+    z = np.repeat(coordinates(TRUTH), 60, axis=0)
+    sigma = np.geomspace(1e-10, 1e-4, 60)
+    gained = referred.evaluate(MODEL, z, {}, sigma, np.full((60, 1), rho))[:, 0] - group.evaluate(
+        MODEL, z, {}, sigma, np.full((60, 1), rho)
+    )[:, 0]
+    # a density of 600 - n normal numbers with at least the sd of quantisation
+    largest = -(600 - group.records[0].blocks.n) * math.log(1e-6 / math.sqrt(12) * math.sqrt(1 - rho**2))
+    assert np.all(gained < largest)
+    assert np.all(np.isfinite(gained))
+
+
+def test_a_correlation_next_to_one_is_impossible_not_an_error():
+    group = group_of([voltage_record("a", 300, step=0.02)], noise_terms(quantisation_variance=0.0))
+    group = group.with_reference({"a": 1e-6 * np.random.default_rng(0).standard_normal(300)})
+    rho = np.tanh(np.array([[9.0], [12.0], [17.0], [18.5], [40.0]]))
+    value = group.evaluate(MODEL, np.repeat(coordinates(TRUTH), 5, axis=0), {}, np.full(5, 4e-6), rho)[:, 0]
+    assert np.isfinite(value[0])
+    assert not np.any(np.isfinite(value[2:]))
