@@ -220,20 +220,23 @@ class _Signals:
         self.pending: _Interrupted | None = None
 
     def install(self) -> None:
+        sys.unraisablehook = self._unraisable
         with contextlib.suppress(ValueError):  # not in the main thread
             for number in (signal.SIGTERM, signal.SIGINT):
                 if signal.getsignal(number) != signal.SIG_IGN:  # a shell's background jobs ignore SIGINT
                     signal.signal(number, self._arrived)
 
+    def _unraisable(self, what: sys.UnraisableHookArgs) -> None:
+        if not isinstance(what.exc_value, _Interrupted):
+            sys.__unraisablehook__(what)
+
     def _arrived(self, number: int, _frame: object) -> None:
-        error = _Interrupted(number)
-        if self.held and self.pending is None:
-            self.pending = error
-            return
-        raise error
+        first, self.pending = self.pending is None, _Interrupted(number)
+        if not (self.held and first):
+            raise self.pending
 
     def release(self) -> None:
-        """Raise what was held back."""
+        """Raise what was held back, or what Python swallowed because it arrived in the callback of a destructor."""
         error, self.pending = self.pending, None
         if error is not None:
             raise error

@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -176,3 +177,42 @@ def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
     assert str(priors["Y_Pa"].prior) == "lognormal(900000, 0.1)"
     assert str(priors["tau_1_s"].prior) == "fixed(2)"
     assert priors["tau_1_s"].source == "my own tensile test"
+
+
+def test_signals_wait_while_the_sampler_is_at_work():
+    signals = cli._Signals()
+    with pytest.raises(cli._Interrupted) as caught:
+        signals._arrived(signal.SIGTERM, None)
+    assert caught.value.exit_status == 143
+    signals = cli._Signals()
+    signals.held = True
+    signals.release()  # nothing has arrived
+    signals._arrived(signal.SIGINT, None)
+    with pytest.raises(cli._Interrupted) as caught:
+        signals.release()
+    assert caught.value.exit_status == 130
+    signals._arrived(signal.SIGINT, None)
+    with pytest.raises(cli._Interrupted):
+        signals._arrived(signal.SIGINT, None)  # the user insists
+
+
+def test_a_signal_that_python_swallows_is_not_lost(monkeypatch):
+    """An exception in the callback of a destructor is printed and dropped; ours is raised again at the next step."""
+    signals = cli._Signals()
+    shown = []
+    monkeypatch.setattr(sys, "__unraisablehook__", shown.append)
+    monkeypatch.setattr(sys, "unraisablehook", signals._unraisable)
+
+    class Gone:
+        def __init__(self, act):
+            self.act = act
+
+        def __del__(self):
+            self.act()
+
+    Gone(lambda: signals._arrived(signal.SIGINT, None))
+    assert shown == []
+    with pytest.raises(cli._Interrupted):
+        signals.release()
+    Gone(lambda: 1 / 0)
+    assert [w.exc_type for w in shown] == [ZeroDivisionError]
