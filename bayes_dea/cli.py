@@ -221,13 +221,17 @@ class _Signals:
 
     def install(self) -> None:
         sys.unraisablehook = self._unraisable
-        with contextlib.suppress(ValueError):  # not in the main thread
+        with contextlib.suppress(ValueError, AttributeError):  # not in the main thread; no SIGALRM
             for number in (signal.SIGTERM, signal.SIGINT):
                 if signal.getsignal(number) != signal.SIG_IGN:  # a shell's background jobs ignore SIGINT
                     signal.signal(number, self._arrived)
+            signal.signal(signal.SIGALRM, lambda *_: self.release())
 
     def _unraisable(self, what: sys.UnraisableHookArgs) -> None:
-        if not isinstance(what.exc_value, _Interrupted):
+        """Python drops what is raised in the callback of a destructor: ours is raised again a moment later."""
+        if isinstance(what.exc_value, _Interrupted):
+            signal.setitimer(signal.ITIMER_REAL, 0.02)
+        else:
             sys.__unraisablehook__(what)
 
     def _arrived(self, number: int, _frame: object) -> None:
@@ -236,7 +240,7 @@ class _Signals:
             raise self.pending
 
     def release(self) -> None:
-        """Raise what was held back, or what Python swallowed because it arrived in the callback of a destructor."""
+        """Raise what was held back or dropped."""
         error, self.pending = self.pending, None
         if error is not None:
             raise error
