@@ -16,6 +16,7 @@ from .models.lags import Drive, simulate_modes
 from .models.model import Model
 from .noise.blocks import BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
+from .noise.kinks import find_kinks
 
 #: blocks of a position: shorter than of a voltage, because straight lines between their centres cut its corners
 POSITION_BLOCKS = BlockSettings(input_share=0.001)
@@ -130,5 +131,5 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
     position = filled_input(recording.columns["position_m"])
     if input_noise(position) <= 1e-7 * float(np.ptp(position) or 1.0):
         return position
-    blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS)
+    blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS, kinks=find_kinks(position))
     return np.interp(recording.time_s, blocks.time_s, block_means(position, blocks))

@@ -438,7 +438,7 @@ def _judge(
     tau = np.array([[integrated_time(kept[k, :, :, i]) for i in range(d)] for k in range(e)])
     limit = float(np.nanmax(tau)) if np.isfinite(tau).any() else np.nan
     long_enough = np.all(np.isfinite(tau)) and kept.shape[1] > s.tau_factor * limit
-    step = max(1, int(limit / 2.0)) if np.isfinite(limit) else 1
+    step = max(1, min(int(limit / 2.0), kept.shape[1] // 20)) if np.isfinite(limit) else 1
     draws, values = kept[:, ::step], log_prob[:, burn:][:, ::step]
     verdict = _Verdict(
         draws, values, tau * store.thin, burn * store.thin, step * store.thin, {}, {}, {}, False,

@@ -24,6 +24,7 @@ from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive
 from ..models.model import Model
 from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_blocks
+from ..noise.kinks import find_kinks
 from ..noise.stated import NoiseTerms
 from .linear_group import nuisance_sd
 from .prepare import Prepared, RateClasses
@@ -83,7 +84,7 @@ def make_block_record(
         values = stress
     else:
         position = r.columns["position_m"]
-        blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked)
+        blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked, kinks=find_kinks(position))
         centre = block_means(position, blocks)
         start = max(0, int(np.argmax(np.isfinite(position))))
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])

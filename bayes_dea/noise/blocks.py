@@ -54,7 +54,7 @@ class Blocks:
 
 
 def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None = None, *,
-               y: ArrayLike | None = None, mask: ArrayLike | None = None) -> Blocks:
+               y: ArrayLike | None = None, mask: ArrayLike | None = None, kinks: ArrayLike | None = None) -> Blocks:
     """Cut a recording into blocks.
 
     Every sample stays alone for the first samples after an edge of the input; then blocks grow in
@@ -70,6 +70,7 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     y : observed column, shape (n,); nan rows are gaps and belong to no block.
     mask : bool, shape (n,); True rows (drop-outs) stay inside their block but do not count. A block with
         nothing but masked rows is left out.
+    kinks : rows that are treated like edges although the input does not jump there (`kinks.find_kinks`).
 
     Raises
     ------
@@ -88,6 +89,8 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
         raise InputError(f"blocks: settings must be positive, got {s}")
     edge = np.zeros(t.size, dtype=np.bool_)
     at = find_edges(np.where(good, v, np.nan))
+    if kinks is not None:
+        at = np.union1d(at, np.asarray(kinks, dtype=np.int64))
     edge[at] = True
     alone = np.zeros(t.size, dtype=np.bool_)
     for k in range(1, s.single_before_edge + 1):
