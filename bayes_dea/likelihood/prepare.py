@@ -74,9 +74,11 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         raise InputError(f"{recording.name}: recordings of kind '{recording.kind}' cannot be calibrated on")
     sensor = campaign.sensors.get(channel)
     if sensor is None:
+        unit = "m" if channel == "displacement" else "N"
         raise InputError(
             f"[sensor.{channel}] is missing in campaign.toml: the noise of {recording.name} is built from "
-            f"its stated fluctuation, accuracy and resolution"
+            f"its stated fluctuation, accuracy and resolution; copy them from the data sheet, as fluctuation_"
+            f"{unit}, accuracy_{unit}, resolution_{unit}"
         )
     y = np.asarray(recording.columns[recording.output], float)
     drive = filled_input(recording.columns["voltage_V" if recording.is_voltage else "position_m"])
