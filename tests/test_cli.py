@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -176,7 +177,6 @@ def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
     assert str(priors["Y_Pa"].prior) == "lognormal(900000, 0.1)"
     assert str(priors["tau_1_s"].prior) == "fixed(2)"
     assert priors["tau_1_s"].source == "my own tensile test"
-<<<<<<< HEAD
 
 
 def test_signals_wait_while_the_sampler_is_at_work():
@@ -215,5 +215,3 @@ def test_a_signal_that_python_drops_is_raised_again():
     assert done.stdout == "goes on\n"
     assert done.stderr == "bayes-dea: terminated; call it again in the same way to continue\n"
     assert done.returncode == 143
-=======
->>>>>>> parent of b29e43c (hold = start: the reading at a row shows what the row before commanded, instantaneous part included)
