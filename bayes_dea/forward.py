@@ -58,11 +58,11 @@ def simulate(
         h, stress = past_intervals(earlier, recording)
         jump, end = strains(
             materials_of(model, batch),
-            np.concatenate([h, row_durations(drive, recording.hold)]),
+            np.concatenate([h, row_durations(drive)]),
             np.concatenate([stress, drive.stress]),
         )
         first, last = jump[0, h.size :], end[0, h.size :]
-        share = {"end": 1.0, "start": 0.0, "linear": 0.5}[recording.hold]
+        share = 0.5 if recording.hold == "linear" else 1.0
         return (first + share * (last - first)) * stroke
     if recording.is_mechanical:
         position = imposed_position(recording)
@@ -102,10 +102,9 @@ def memory(recordings: Sequence[Recording], recording: Recording) -> tuple[Recor
     return tuple(chain)
 
 
-def row_durations(drive: Drive, hold: str) -> NDArray[np.float64]:
+def row_durations(drive: Drive) -> NDArray[np.float64]:
     """How long the stress of each row acts (n,) s; a row that stands for no time gets a millionth of a step."""
-    dt = drive.dt if hold != "start" else np.concatenate([drive.dt[1:], drive.dt[-1:]])
-    return np.maximum(dt, 1e-6 * float(np.median(dt[1:])))
+    return np.maximum(drive.dt, 1e-6 * float(np.median(drive.dt[1:])))
 
 
 def past_intervals(
@@ -115,7 +114,7 @@ def past_intervals(
     h, stress = [np.empty(0)], [np.empty(0)]
     for before, after in pairwise([*earlier, recording]):
         drive = voltage_drive(before)
-        h.append(row_durations(drive, before.hold))
+        h.append(row_durations(drive))
         stress.append(drive.stress)
         if after.rest_before_s:
             h.append(np.array([after.rest_before_s]))

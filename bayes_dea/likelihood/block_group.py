@@ -114,7 +114,7 @@ def make_block_record(
 def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Intervals of mean stress that cover the recording; rows outside every block become intervals of their own."""
     n = drive.n
-    dt = row_durations(drive, hold)
+    dt = row_durations(drive)
     # a new interval begins where a block begins or ends
     cut = np.unique(np.concatenate([[0], blocks.start, blocks.stop]))
     cut = cut[cut < n]
@@ -127,7 +127,7 @@ def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArra
     h = np.add.reduceat(dt, cut)
     mean = np.add.reduceat(dt * drive.stress, cut) / h
     m = blocks.stop - blocks.start
-    extra = {"end": 1.0, "start": -1.0, "linear": 0.0}[hold]
+    extra = 0.0 if hold == "linear" else 1.0
     return h, mean, np.searchsorted(cut, blocks.start), (m + extra) / (2.0 * m)
 
 

@@ -3,7 +3,8 @@
 A lag T f' = s - f is discretised exactly for what the input does between two rows (CONTRACT, `hold`):
 
 * ``end``: the row's input was in force during the interval that ends at the row;
-* ``start``: the row's input is in force during the interval that begins at the row;
+* ``start``: the row's input is in force during the interval that begins at the row; a reading at the row still shows
+  what the row before commanded, so that this is ``end`` one row later;
 * ``linear``: the voltage runs linearly between rows, so the stress, its square, is quadratic.
 
 There is no solver and no step-size error. One pass carries four modes at a time: the latency of a multiply-add on
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-HOLD_CODES = {"end": 0, "start": 1, "linear": 2}
+HOLD_CODES = {"end": 0, "start": 0, "linear": 2}  # a start is an end one row later
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,9 @@ def make_drive(time_s: NDArray, stress: NDArray, hold: str, middle: NDArray | No
     step = even_step(time_s)
     if step > 0:
         dt[1:] = step
+    if hold == "start":
+        # what acts until a row is the input of the row before; before the first one nothing did
+        stress = np.concatenate([[0.0], stress[:-1]])
     if middle is None:
         middle = stress
     return Drive(dt, step, stress, np.ascontiguousarray(middle, float), HOLD_CODES[hold])
@@ -134,8 +138,7 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
     m = T.size
     states = f0.copy()
     if uniform > 0 and hold != 2 and m > 0:
-        # row 0 is the start: the state there is f0, in force before it is nothing known
-        first = s[1:] if hold == 0 else s[:-1]
+        # row 0 is the start: the state there is f0
         out[0] = D * s[0]
         a = np.zeros(4)
         cc = np.zeros(4)
@@ -150,7 +153,7 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
                     cc[j] = c[j0 + j] * b
                     g[j] = states[j0 + j] / b if b > 0 else 0.0
                     out[0] += c[j0 + j] * states[j0 + j]
-            _pass4(first, s[1:], D, j0 > 0, out[1:], a[0], a[1], a[2], a[3], cc[0], cc[1], cc[2], cc[3], g)
+            _pass4(s[1:], s[1:], D, j0 > 0, out[1:], a[0], a[1], a[2], a[3], cc[0], cc[1], cc[2], cc[3], g)
             for j in range(k):
                 states[j0 + j] = g[j] * -np.expm1(-uniform / T[j0 + j])
         return states
@@ -169,12 +172,10 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
                 else:
                     decay = np.exp(-last / T[j])
                     w1 = -np.expm1(-last / T[j])
-            if hold == 0:
-                f = decay * f + w1 * s[i]
-            elif hold == 1:
-                f = decay * f + w1 * s[i - 1]
-            else:
+            if hold == 2:
                 f = decay * f + w0 * s[i - 1] + w1 * middle[i] + w2 * s[i]
+            else:
+                f = decay * f + w1 * s[i]
             out[i] += c[j] * f
         states[j] = f
     return states
@@ -207,7 +208,7 @@ def lag_rows(dt, s, middle, hold, T, f, start, stop, out):
                 for k in range(K):
                     f[k] = a[k] * f[k] + w0[k] * x0 + w1[k] * x1 + w2[k] * x2
             else:
-                v = s[i] if hold == 0 else s[i - 1]
+                v = s[i]
                 for k in range(K):
                     f[k] = a[k] * f[k] + w1[k] * v
         for k in range(K):

@@ -51,8 +51,10 @@ def piecewise(network: Network, s: Signal, method: str, rtol: float, atol: float
     begin = 0
     volts = s.recording.columns["voltage_V"]
     for i, p in enumerate(s.pieces):
-        stop = t.size if i == len(s.pieces) - 1 else int(np.searchsorted(t, p.stop - 1e-9))
-        rows = np.append(t[begin:stop], p.stop) if t[stop - 1] < p.stop else t[begin:stop]
+        # a row on an edge still reads what was in force before it
+        stop = t.size if i == len(s.pieces) - 1 else int(np.searchsorted(t, p.stop + 1e-9))
+        rows = np.append(t[begin:stop], p.stop) if t[stop - 1] < p.stop - 1e-9 else t[begin:stop]
+        rows = np.clip(rows, p.start, p.stop)
 
         def slope(time: float, x: Array, p: Piece = p) -> Array:
             v = p.volts(time)
@@ -112,7 +114,7 @@ def by_lfilters(modes: tuple[float, Array, Array], s: Signal) -> Array:
     out = D * stress
     for cj, Tj in zip(c, T, strict=True):
         a = np.exp(-step / Tj)
-        out += lfilter([0.0, cj * (1 - a)], [1.0, -a], stress)
+        out += lfilter([cj * (1 - a)], [1.0, -a], stress)
     return out * stroke_factor(s.recording.actuator)
 
 

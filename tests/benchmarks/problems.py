@@ -80,15 +80,14 @@ def waves(shape: str, scale: float = 1.0) -> tuple[Wave, ...]:
 
 
 def signal(protocol: Creep | Wave, rate_Hz: float = 1000.0) -> Signal:
-    """A noise-free recording of `protocol`; its rows hold until the next one (hold "start"), as edges fall on rows."""
+    """A noise-free recording of `protocol`; a row on an edge reads the command that was in force until then."""
     t = np.arange(round(protocol.duration_s * rate_Hz)) / rate_Hz
     name = f"{protocol.kind} {protocol.frequency_Hz:g} Hz" if isinstance(protocol, Wave) else protocol.kind
     recording = bd.recording_from_arrays(
         name,
         protocol.kind,
-        {"time_s": t, "voltage_V": protocol.command(t), "displacement_m": np.zeros(t.size)},
+        {"time_s": t, "voltage_V": protocol.command(t - 1e-9), "displacement_m": np.zeros(t.size)},
         actuator=actuator(),
-        hold="start",
     )
     return Signal(name, recording, _pieces(protocol))
 
