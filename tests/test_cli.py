@@ -14,6 +14,8 @@ import pytest
 
 import bayes_dea as bd
 from bayes_dea import cli
+from bayes_dea.commands.options import overrides
+from bayes_dea.commands.progress import Interrupted, Signals
 
 ANSI = re.compile(r"\x1b\[")
 VERBS = ("calibrate", "bench", "report")
@@ -172,7 +174,7 @@ def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
     file = tmp_path / "my.toml"
     table = '[parameters.{}]\nprior = "fixed"\nvalue = {}\nunit = "{}"\nsource = "my own tensile test"\n'
     file.write_text(table.format("Y_Pa", 1e6, "Pa") + table.format("tau_1_s", 2.0, "s"), encoding="utf-8")
-    model = bd.build_model("hooke+gm1", cli._overrides(["Y_Pa=lognormal(9e5, 0.1)"], file))
+    model = bd.build_model("hooke+gm1", overrides(["Y_Pa=lognormal(9e5, 0.1)"], file))
     priors = {p.name: p for p in model.parameters}
     assert str(priors["Y_Pa"].prior) == "lognormal(900000, 0.1)"
     assert str(priors["tau_1_s"].prior) == "fixed(2)"
@@ -180,19 +182,19 @@ def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
 
 
 def test_signals_wait_while_the_sampler_is_at_work():
-    signals = cli._Signals()
-    with pytest.raises(cli._Interrupted) as caught:
+    signals = Signals()
+    with pytest.raises(Interrupted) as caught:
         signals._arrived(signal.SIGTERM, None)
     assert caught.value.exit_status == 143
-    signals = cli._Signals()
+    signals = Signals()
     signals.held = True
     signals.release()  # nothing has arrived
     signals._arrived(signal.SIGINT, None)
-    with pytest.raises(cli._Interrupted) as caught:
+    with pytest.raises(Interrupted) as caught:
         signals.release()
     assert caught.value.exit_status == 130
     signals._arrived(signal.SIGINT, None)
-    with pytest.raises(cli._Interrupted):
+    with pytest.raises(Interrupted):
         signals._arrived(signal.SIGINT, None)  # the user insists
 
 

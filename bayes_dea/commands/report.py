@@ -1,0 +1,26 @@
+"""`bayes-dea report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import QuietOption
+
+EXAMPLE = "Example: bayes-dea report out"
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of an earlier calibration.")],
+    quiet: QuietOption = False,
+) -> None:
+    """Draw report.html again from the JSON and posterior.nc in a folder."""
+    from ..report.page import write_report
+    from ..store import load_posterior
+
+    load_posterior(folder)
+    page = write_report(folder)
+    if not quiet:
+        typer.echo(f"Report: {page}")
