@@ -35,7 +35,13 @@ _NAMES = {
     "simulate": "forward",
     "gm_to_gkv": "models.networks",
     "gkv_to_gm": "models.networks",
+    "predict": "prediction.answer",
+    "command_for": "prediction.command",
+    "SignalPrediction": "prediction.result",
+    "export_state_space": "export.write",
+    "load_state_space": "export.files",
     "run_bench": "bench.run",
+    "import_files": "importing.run",
     "write_report": "report.page",
     "load_posterior": "store",
     "inference_data": "store",
@@ -59,9 +65,15 @@ if TYPE_CHECKING:
         recording_from_arrays,
     )
     from .errors import BayesDEAError, InputError, NotConvergedWarning
+    from .export.files import load_state_space
+    from .export.write import export_state_space
     from .forward import simulate
+    from .importing.run import import_files
     from .models.model import Model, build_model
     from .models.networks import gkv_to_gm, gm_to_gkv
+    from .prediction.answer import predict
+    from .prediction.command import command_for
+    from .prediction.result import SignalPrediction
     from .priors import Parameter, Prior, read_prior_file
     from .report.page import write_report
     from .store import inference_data, load_posterior

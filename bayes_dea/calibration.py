@@ -24,6 +24,7 @@ from .models.chain import maxwell_form
 from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
+from .reuse import KEY, describe, seen
 
 #: called with (phase, done, of, text)
 Report = Callable[[str, float, float, str], None]
@@ -418,6 +419,7 @@ def _particulars(posterior: Posterior, name: str) -> dict[str, Any]:
         "dropouts": p.dropouts,
         "gaps": int(np.sum(~np.isfinite(p.y))),
         "mains": lines,
+        "seen": seen(p.recording),
     }
 
 
@@ -523,6 +525,8 @@ def _summary(
                 "pareto_k": p.pareto_k,
                 "offset": p.offset,
                 "gain": p.gain,
+                "offset_prior_sd": p.offset_prior_sd,
+                "gain_prior_sd": p.gain_prior_sd,
                 **_particulars(posterior, p.name),
             }
             for p in predictions
@@ -543,6 +547,9 @@ def _summary(
             p.name: {"prior": str(p.prior), "unit": p.unit, "source": p.source, "label": p.label}
             for p in model.parameters
         },
+        KEY: describe(
+            posterior.model, posterior.names, found.x, posterior.specimens, posterior.own, campaign
+        ),
         "conventions": dict(campaign.conventions),
         "seconds": clock.total,
         "seconds_by": dict(clock.by),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Callable
@@ -10,8 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .commands import bench, calibrate, report
-from .commands.progress import Interrupted, signals
+from .commands import bench, calibrate, diagnose, export, import_, predict, report
+from .commands.progress import Interrupted, no_colours, plain_terminal, signals
 from .errors import BayesDEAError
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_completion=True,
@@ -20,7 +21,11 @@ app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_comp
 #: verb by name, in the order of the help
 VERBS: dict[str, tuple[Callable[..., None], str]] = {
     "calibrate": (calibrate.calibrate, calibrate.EXAMPLE),
+    "diagnose": (diagnose.diagnose, diagnose.EXAMPLE),
     "bench": (bench.bench, bench.EXAMPLE),
+    "predict": (predict.predict, predict.EXAMPLE),
+    "export": (export.export, export.EXAMPLE),
+    "import": (import_.import_, import_.EXAMPLE),
     "report": (report.report, report.EXAMPLE),
 }
 for _verb, (_function, _example) in VERBS.items():
@@ -35,18 +40,30 @@ def _version(show: bool) -> None:
 
 @app.callback()
 def _root(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
-                                                help="Print the version and leave.")] = False) -> None:
+                                                help="Print the version and leave.")] = False,
+          no_color: Annotated[bool, typer.Option("--no-color", help="No escape codes on a terminal; anywhere in a "
+                                                 "command. So do NO_COLOR and TERM=dumb.")] = False) -> None:
     pass
 
 
 def main() -> None:
     """Entry point: errors become one line and an exit status (CONTRACT 2)."""
     signals.install()
-    sys.exit(_run())
+    try:
+        status = _run()
+    except Interrupted as again:  # a second one while the first was being told
+        status = again.exit_status
+    signals.ignore()
+    sys.exit(status)
 
 
 def _run() -> int:
     try:
+        if "--no-color" in sys.argv:
+            sys.argv = [a for a in sys.argv if a != "--no-color"]
+            no_colours()
+        elif plain_terminal():
+            no_colours()
         status = app(standalone_mode=False, prog_name="bayes-dea")
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
@@ -55,10 +72,9 @@ def _run() -> int:
     except BayesDEAError as error:
         return _say(str(error), error.exit_status)
     except Interrupted as stop:
-        what = "terminated" if stop.exit_status == 143 else "interrupted"
-        return _say(f"{what}; call it again in the same way to continue", stop.exit_status)
+        return _stopped("terminated" if stop.exit_status == 143 else "interrupted", stop.exit_status)
     except (KeyboardInterrupt, typer.Abort):
-        return _say("interrupted; call it again in the same way to continue", 130)
+        return _stopped("interrupted", 130)
     except MemoryError:
         return _say("out of memory; calibrate fewer or shorter recordings at once", 1)
     except BrokenPipeError:
@@ -74,6 +90,13 @@ def _run() -> int:
 
         traceback.print_exc()
         return _say("this is a defect of bayes-dea, not of your input; please report it with the lines above", 1)
+
+
+def _stopped(how: str, status: int) -> int:
+    verb = next((a for a in sys.argv[1:] if a in VERBS), "")
+    resumable = verb and "resume" in inspect.signature(VERBS[verb][0]).parameters
+    return _say(f"{how}; {'the same command with --resume continues' if resumable else 'nothing is half written'}",
+                status)
 
 
 def _say(message: str, status: int) -> int:

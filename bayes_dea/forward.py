@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from .campaign.schema import Recording
 from .errors import InputError
 from .models.chain import forces, materials_of, strains
-from .models.electrostatics import filled_input, stroke_factor, voltage_drive
+from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require, stroke_factor, voltage_drive
 from .models.lags import Drive, simulate_modes
 from .models.model import Model
+from .models.nodes import make_nodes, past_nodes
+from .models.plant import plant_of
+from .models.simulate_plant import simulate_nodes, simulate_plates
 from .noise.blocks import BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
 from .noise.kinks import find_kinks
@@ -44,6 +47,8 @@ def simulate(
         earlier: list[Recording] = []
     else:
         earlier = [previous] if isinstance(previous, Recording) else list(previous)
+    if model.spec.effects and (recording.is_voltage or recording.is_mechanical):
+        return _with_effects(model, values, recording, zero_m, earlier)
     if recording.is_voltage:
         drive = voltage_drive(recording)
         stroke = stroke_factor(recording.actuator)
@@ -67,17 +72,36 @@ def simulate(
     if recording.is_mechanical:
         position = imposed_position(recording)
         zero = float(position[0]) if zero_m is None else zero_m
-        force = recording.columns["force_N"]
-        contact = 1 if abs(np.nanquantile(force, 0.999)) >= abs(np.nanquantile(force, 0.001)) else -1
         return forces(
             materials_of(model, batch),
             np.diff(recording.time_s),
             position,
             np.array([zero]),
             recording.actuator,
-            contact,
+            contact_of(recording),
         )[0]
     raise InputError(f"{recording.name}: kind '{recording.kind}' cannot be simulated by {model.name}")
+
+
+def _with_effects(
+    model: Model, values: Mapping[str, float], recording: Recording, zero_m: float | None, earlier: list[Recording]
+) -> NDArray[np.float64]:
+    plant = plant_of(model, values, recording.actuator)
+    if recording.is_voltage:
+        require(recording.actuator, VOLTAGE_GEOMETRY, f"{recording.name} (a voltage recording)")
+        return simulate_nodes(plant, make_nodes(recording, every_row=True), past_nodes(earlier, recording))
+    if model.is_black_box:
+        materials_of(model, {})  # says that a black box knows no force
+    require(recording.actuator, ("stack_height_m", "total_area_m2"), f"{recording.name} (a mechanical recording)")
+    position = imposed_position(recording)
+    zero = float(position[0]) if zero_m is None else zero_m
+    return simulate_plates(plant, recording.time_s, position, zero, contact_of(recording))
+
+
+def contact_of(recording: Recording) -> int:
+    """+1 where a mechanical recording pushes (plates), -1 where it pulls (a film)."""
+    force = recording.columns["force_N"]
+    return 1 if abs(np.nanquantile(force, 0.999)) >= abs(np.nanquantile(force, 0.001)) else -1
 
 
 def memory(recordings: Sequence[Recording], recording: Recording) -> tuple[Recording, ...]:

@@ -24,6 +24,7 @@ from .likelihood.prepare import Prepared
 from .models.chain import materials
 from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
+from .page_data import PageData, PageSettings, reduce_recording
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class Prediction:
     by_input: dict[str, list[float]] = field(repr=False, default_factory=dict)
     spectrum: dict[str, list[float]] = field(repr=False, default_factory=dict)
     histogram: list[float] = field(repr=False, default_factory=list)  # PIT counts in twenty bins
+    page: PageData | None = field(repr=False, default=None)  # samples near edges and bins, for zooming
 
 
 def conditional_gain(posterior: Posterior, q: NDArray) -> dict[tuple[str, str], tuple[NDArray, NDArray]]:
@@ -255,6 +257,16 @@ def _predict_one(
         _binned(metrics.residuals_by_voltage(residual, sd, r.columns["voltage_V" if r.is_voltage else "position_m"])),
         _spectrum(residual, r.time_s),
         np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist(),
+        reduce_recording(
+            r.time_s,
+            r.columns["voltage_V" if r.is_voltage else "position_m"],
+            y,
+            mean,
+            sd,
+            noise_sd,
+            p.sensor.resolution,
+            PageSettings.shared(len(assembled.prepared)),
+        ),
     )
 
 

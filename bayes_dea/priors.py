@@ -465,6 +465,11 @@ def apply_overrides(
         prior = o.prior if isinstance(o, Parameter) else o
         if prior is not None and p.prior.is_log and prior.family == "fixed" and prior.a <= 0:
             raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
+        if isinstance(o, Parameter) and o.unit.strip() not in (p.unit, *(("", "-") if p.unit == "1" else ())):
+            raise InputError(
+                f"prior for '{p.name}': the prior file gives it in '{o.unit}', but the parameter is in {p.unit}. "
+                f'Write its numbers in {p.unit} and unit = "{p.unit}".'
+            )
         if o is None:
             out.append(p)
         elif isinstance(o, Parameter):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import math
 import os
@@ -35,31 +37,67 @@ def plain(value: Any) -> Any:
     return value
 
 
+#: how the names of temporary files begin: what a killed run left can be told from everything else
+PARTIAL = ".part-"
+
+
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a temporary file beside `path`, then put it in place; a kill leaves old or new, never half."""
+    """Let `write` fill a temporary file beside `path`, then put it in place; a kill leaves old or new, never half.
+
+    The file has reached the disk before it takes its name. Raises BayesDEAError naming `path` where it cannot be
+    written (a full disk, a folder that may not be written to); what was there before is then untouched.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=PARTIAL, suffix=f"-{path.name}")
         os.close(handle)
     except OSError as error:
-        raise BayesDEAError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     temporary = Path(name)
     try:
         write(temporary)
         os.chmod(temporary, 0o644)
+        _to_disk(temporary)
         os.replace(temporary, path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise BayesDEAError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise _unwritable(path, error) from error
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+    with contextlib.suppress(OSError):  # not every file system knows this of folders
+        _to_disk(path.parent)
+
+
+def _to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _unwritable(path: Path, error: OSError) -> BayesDEAError:
+    remedy = ""
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        remedy = "; make room there and call it again, or choose another folder"
+    return BayesDEAError(f"{path}: cannot be written: {error.strerror or error}{remedy}")
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """A binary file, atomically."""
+    write_atomic(path, lambda p: p.write_bytes(content))
+
+
+def write_text(path: Path, content: str) -> None:
+    """A text file in UTF-8 with its line ends as they are, atomically."""
+    write_bytes(path, content.encode("utf-8"))
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """JSON file, atomically."""
     text = json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False)
-    write_atomic(path, lambda p: p.write_text(text + "\n", encoding="utf-8"))
+    write_text(path, text + "\n")
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
+from .results import PARTIAL
 
 _PREFIX = ".checkpoint-"
-#: temporary files of killed runs: those of `results.write_atomic` and of the sampler's checkpoints
-_LEFTOVERS = (".calibration.json.*", ".posterior.nc.*", ".report.html.*", f"{_PREFIX}*.part")
 
 
 def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
@@ -26,7 +25,7 @@ def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
 
 def finished(folder: Path, keep: Path | None = None) -> None:
     """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
-    for pattern in (f"{_PREFIX}*.npz", *_LEFTOVERS):
+    for pattern in (f"{_PREFIX}*.npz", f"{PARTIAL}*"):
         for path in folder.glob(pattern):
             if path != keep:
                 path.unlink(missing_ok=True)

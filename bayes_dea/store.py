@@ -3,11 +3,13 @@
 Groups: `posterior` (reported quantities (chain, draw), and the inference coordinates), `sample_stats` (lp),
 `log_likelihood` (`identify` and `validate`, (chain, draw, recording): offsets integrated out, gain conditional on the
 draw), `posterior_predictive` and `observed_data` (one variable a recording, block means), `constant_data` (time, input,
-counts and bands of the same blocks), `prior`, `prior_predictive`. A chain is an ensemble.
+counts and bands of the same blocks; `..__page`, bytes: samples near edges and short bins, see `page_data`), `prior`,
+`prior_predictive`. A chain is an ensemble.
 """
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from .errors import InputError
 from .fit.diagnostics import arviz
-from .results import write_atomic, write_json
+from .results import write_bytes, write_json
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -81,6 +83,8 @@ def inference_data(calibration: Calibration) -> Any:
             for key, values in table.items():
                 constant[f"{v}__{group}__{key}"] = ((f"{v}_{group}_{key}",), np.asarray(values, float))
         constant[f"{v}__pit_histogram"] = (("pit_bin",), np.asarray(p.histogram))
+        if p.page is not None:
+            constant[f"{v}__page"] = ((f"{v}_page_byte",), np.frombuffer(p.page.to_bytes(), np.uint8))
     prior = xr.Dataset(
         {name: (("chain", "draw"), np.asarray(v)[None]) for name, v in calibration.prior_quantities.items()}
     )
@@ -106,10 +110,26 @@ def inference_data(calibration: Calibration) -> Any:
     return data
 
 
+def netcdf_bytes(data: Any) -> bytes:
+    """InferenceData as the content of a netCDF file.
+
+    Made in memory: where the disk is full, HDF5 goes on failing as it closes its file and takes the process along.
+    """
+    import h5netcdf
+    from xarray.backends.h5netcdf_ import H5NetCDFStore
+
+    buffer = io.BytesIO()
+    with h5netcdf.File(buffer, "w") as file:
+        for name, dataset in data.items():
+            numbers = [v for v, values in dataset.variables.items() if values.dtype.kind in "iufb"]
+            dataset.dump_to_store(H5NetCDFStore(file.create_group(name)), encoding={v: {"zlib": True} for v in numbers})
+    return buffer.getvalue()
+
+
 def save_calibration(calibration: Calibration, out: Path, report: bool = True) -> Path:
     """Write posterior.nc, calibration.json and report.html; JSON comes after what it describes."""
     data = inference_data(calibration)
-    write_atomic(out / POSTERIOR_FILE, lambda p: data.to_netcdf(str(p), engine="h5netcdf"))
+    write_bytes(out / POSTERIOR_FILE, netcdf_bytes(data))
     write_json(out / CALIBRATION_FILE, calibration.summary)
     if report:
         from .report.page import write_report

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -16,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea import __version__
+from bayes_dea.bench.effects import truth_name
 from bayes_dea.bench.plan import CampaignPlan, SensorSheet
 from bayes_dea.bench.simulate import simulate
 from bayes_dea.errors import InputError
+from bayes_dea.results import write_atomic, write_text
 
 ORIGIN = "virtual bench of bayes-dea, simulated, not measured"
 TRUTH = "truth.json"
@@ -64,9 +67,12 @@ def _write_csv(path: Path, columns: dict[str, NDArray[np.float64]]) -> None:
     # pyarrow writes the shortest text that reads back as the same double: exact and compact. Its header would
     # be in quotes, which not every reader expects.
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    with path.open("wb") as file:
-        file.write((",".join(columns) + "\n").encode())
-        pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            file.write((",".join(columns) + "\n").encode())
+            pacsv.write_csv(table, file, pacsv.WriteOptions(include_header=False))
+
+    write_atomic(path, write)
 
 
 def _toml(table: dict[str, Any]) -> str:
@@ -104,14 +110,15 @@ def _check_free(out: Path, plan: CampaignPlan) -> None:
                              "give --out another folder")
 
 
-def write_campaign(out: Path, plan: CampaignPlan, seed: int,
-                   progress: Callable[[int, int, str], None] | None = None) -> Path:
-    """Write `plan`, carried out with `seed`, into the folder `out`; return `out`.
+def write_folder(out: Path, plan: CampaignPlan, seed: int, table: dict[str, Any],
+                 about: Callable[[list[dict[str, Any]]], dict[str, Any]] | None,
+                 progress: Callable[[int, int, str], None] | None = None) -> list[dict[str, Any]]:
+    """Write `plan`, carried out with `seed`, into the folder `out`; return what was true of each recording.
 
-    Files appear whole or not at all: everything is written beside `out` first and moved in at the end,
-    campaign.toml last. `truth.json` holds the true parameters, gains, offsets and contacts; no other part of
-    the tool reads it. `progress(done, of, file)` is called after every recording. Raises InputError where
-    `out` holds anything of the same names that the virtual bench did not write.
+    `table`: what campaign.toml says. `about`: makes the content of truth.json from that list; without it the folder
+    gets none. Files appear whole or not at all: everything is written beside `out` first and moved in at the end,
+    campaign.toml last. `progress(done, of, file)` is called after every recording. Raises InputError where `out`
+    holds anything of the same names that the virtual bench did not write.
     """
     out = Path(out)
     if seed < 0:
@@ -130,14 +137,35 @@ def write_campaign(out: Path, plan: CampaignPlan, seed: int,
             truths.append(simulated.truth)
             if progress is not None:
                 progress(done, len(plan.recordings), simulated.plan.file)
-        truth = {"about": "what was true of this simulation, to check answers; never read by the tool",
-                 "plan": plan.name, "seed": seed, "version": __version__,
-                 "parameters": plan.material.parameters(), "recordings": truths}
-        (work / TRUTH).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-        (work / "campaign.toml").write_text(_toml(campaign_table(plan, seed)), encoding="utf-8")
+        if about is not None:
+            write_text(work / TRUTH, json.dumps(about(truths), indent=1) + "\n")
+        write_text(work / "campaign.toml", _toml(table))
         out.mkdir(exist_ok=True)
-        for name in [*(r.file for r in plan.recordings), TRUTH, "campaign.toml"]:
+        if about is None:
+            (out / TRUTH).unlink(missing_ok=True)  # of the campaign that was here before
+        for name in [*(r.file for r in plan.recordings), *([TRUTH] if about is not None else []), "campaign.toml"]:
             os.replace(work / name, out / name)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    return out
+    return truths
+
+
+def write_campaign(out: Path, plan: CampaignPlan, seed: int,
+                   progress: Callable[[int, int, str], None] | None = None) -> Path:
+    """Write `plan`, carried out with `seed`, into the folder `out`; return `out`.
+
+    `truth.json` holds the true parameters, gains, offsets and contacts; no other part of the tool reads it. The rest
+    as `write_folder`.
+    """
+    def about(truths: list[dict[str, Any]]) -> dict[str, Any]:
+        truth = {"about": "what was true of this simulation, to check answers; never read by the tool",
+                 "plan": plan.name, "seed": seed, "version": __version__,
+                 "parameters": plan.material.parameters(), "recordings": truths}
+        if plan.effects:
+            truth["truth"] = truth_name(plan.effects)
+            truth["effects"] = {n: {p: v if math.isfinite(v) else None for p, v in e.items()}
+                                for n, e in plan.effects.items()}
+        return truth
+
+    write_folder(out, plan, seed, campaign_table(plan, seed), about, progress)
+    return Path(out)

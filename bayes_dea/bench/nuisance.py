@@ -119,8 +119,10 @@ def quantise(values: Array, resolution: float) -> Array:
 
 
 def record(true: Array, time_s: Array, sheet: SensorSheet, faults: ChannelFaults, gain: float, zeroed: bool,
-           rng: np.random.Generator) -> tuple[Array, ChannelTruth]:
+           rng: np.random.Generator, highest: float = np.inf) -> tuple[Array, ChannelTruth]:
     """Readings (n,) of a sensor of the true signal (n,), and what was added to it.
+
+    `highest`: end of the sensor's range; a reading, noise included, never lies above it.
 
     `zeroed`: the sensor was set to zero on the resting actuator just before, so that of its offset only the
     mean of the readings used for it remains (with the sign turned); otherwise the offset is rectangular
@@ -142,6 +144,8 @@ def record(true: Array, time_s: Array, sheet: SensorSheet, faults: ChannelFaults
         dropouts = int(hit.size)
         size = np.exp(rng.uniform(np.log(faults.dropout_min), np.log(faults.dropout_max), dropouts))
         y[hit] += size * rng.choice((-1.0, 1.0), dropouts)
+    if highest < np.inf:
+        y = np.minimum(y, highest)
     y = quantise(y, sheet.resolution)
     for _ in range(faults.gaps):
         start = rng.uniform(time_s[0], max(time_s[0], time_s[-1] - faults.gap_length_s))

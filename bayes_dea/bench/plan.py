@@ -8,6 +8,9 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from bayes_dea.bench.effects import Effects, checked
 from bayes_dea.bench.nuisance import ChannelFaults, Faults, SensorSheet
 from bayes_dea.bench.protocols import (
     WAVE_SHAPES,
@@ -65,7 +68,9 @@ class CampaignPlan:
 
     `specimens` gives the geometry of every specimen that is not the actuator "A" itself; all are of one
     material. `slack_m`: the plates touch somewhere in this range of positions, drawn for every mechanical
-    recording.
+    recording. `effects`: what acts beside the plain actuator, by name and parameters (see `effects.ALL`).
+    `temperature_swing_K`: how far the room swings either way; above 0, voltage recordings get a `temperature_C`
+    column. Thermal expansion alone makes it 1 K.
     """
 
     name: str
@@ -78,8 +83,13 @@ class CampaignPlan:
     temperature_C: float = 21.4
     relative_humidity_pct: float = 30.7
     specimens: Mapping[str, Geometry] = field(default_factory=dict)
+    effects: Effects = field(default_factory=dict)
+    temperature_swing_K: float = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "effects", checked(self.effects, "bench plan, [effects]"))
+        if not 0.0 <= self.temperature_swing_K < np.inf:
+            raise InputError(f"bench plan: temperature_swing_K is {self.temperature_swing_K}; give zero or more")
         names = [r.file for r in self.recordings]
         if not names:
             raise InputError("bench plan: no recordings; give at least one [[recording]]")
@@ -100,6 +110,11 @@ class CampaignPlan:
                 raise InputError(f"bench plan: {recording.file} compresses by {recording.protocol.strain:g}; "
                                  "strain is a part of the height, below 1")
 
+    @property
+    def swing_K(self) -> float:
+        """Swing of the temperature that acts and is written."""
+        return self.temperature_swing_K or (1.0 if "thermal_expansion" in self.effects else 0.0)
+
     def geometry_of(self, recording: RecordingPlan) -> Geometry:
         """Geometry of the specimen of `recording`; InputError where the plan does not say it."""
         if recording.specimen == "A":
@@ -115,8 +130,9 @@ def plan_to_dict(plan: CampaignPlan) -> dict[str, Any]:
     table = asdict(plan)
     table["slack_m"] = list(plan.slack_m)
     table["material"] = {k: list(v) if isinstance(v, tuple) else v for k, v in table["material"].items()}
-    if not plan.specimens:
-        del table["specimens"]
+    for name in ("specimens", "effects"):
+        if not table[name]:
+            del table[name]
     del table["recordings"]
     table["recording"] = []
     for recording in plan.recordings:
@@ -209,6 +225,8 @@ def plan_from_dict(table: Mapping[str, Any], where: str = "bench plan") -> Campa
         base = asdict(ready.get("geometry", Geometry()))  # a specimen says only what differs on it
         ready["specimens"] = {k: _build(Geometry, base | dict(_table(v, f"{place} {k}")), f"{place} {k}")
                               for k, v in _table(table["specimens"], place).items()}
+    if "effects" in table:
+        ready["effects"] = _table(table["effects"], f"{where}, [effects]")
     if "recordings" in table:
         raise InputError(f"{where}: 'recordings' is unknown; write [[recording]]")
     rest = {k: v for k, v in table.items() if k != "recording"}

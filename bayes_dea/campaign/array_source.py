@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
-from bayes_dea.campaign.tables import Table, missing_column
+from bayes_dea.campaign.tables import Table, missing_column, text_times
 from bayes_dea.errors import InputError
 
 #: reads one leaf of the file
@@ -48,6 +48,11 @@ class ArraySource:
                 return key
         return None
 
+    @property
+    def leaves(self) -> Mapping[str, Loader]:
+        """Every array of the file (below `dataset` where one is said): name -> what reads it."""
+        return self._leaves
+
     def has(self, column: ColumnMap) -> bool:
         """Whether the file has that array."""
         return self._key(column) is not None
@@ -76,6 +81,9 @@ class ArraySource:
         if key is None:
             raise self.missing(column.name or "", column)
         raw = np.asarray(self._leaves[key]())
+        if column.time_format is not None and raw.dtype.kind in "USO":
+            return text_times([str(v.decode("utf-8", "replace") if isinstance(v, bytes) else v).strip()
+                               for v in np.ravel(raw)], column, self.label, "element")
         if raw.dtype.kind not in "fiub":
             raise InputError(f"{self.label}: {column.describe()} holds {_kind_of(raw)}, not real numbers. "
                              f"Name another array in its [format]; found: {', '.join(self.names[:30])}.")
@@ -119,6 +127,9 @@ def _flatten(value: Any, name: str, leaves: dict[str, Loader]) -> None:
     if isinstance(value, Mapping):
         for key, part in value.items():
             _flatten(part, f"{name}/{key}" if name else str(key), leaves)
+    elif isinstance(value, np.ndarray) and value.dtype == object and value.size and all(
+            isinstance(part, str) for part in value.ravel()):
+        leaves[name] = lambda: np.asarray(value.ravel(), dtype=str)  # a cell array of texts
     elif isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
         for i, part in enumerate(np.asarray(value, dtype=object).ravel(), start=1):
             _flatten(part, f"{name}({i})", leaves)

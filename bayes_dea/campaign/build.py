@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.checks import check_columns
-from bayes_dea.campaign.plausibility import check_plausible
+from bayes_dea.campaign.plausibility import OVERRIDE, check_plausible
 from bayes_dea.campaign.schema import HOLDS, ROLES, Actuator, Campaign, Recording, Sensor
 from bayes_dea.campaign.settings import check_geometry, choice, parse_conventions
+from bayes_dea.campaign.specimens import check_specimens
+from bayes_dea.campaign.statements import check_statements
 from bayes_dea.campaign.vocabulary import COLUMNS
 from bayes_dea.errors import InputError
 
@@ -71,7 +73,8 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
 
     `actuator` is that of the first recording where nothing is said; `conventions` are completed with the
     defaults. `where` says for every recording where its elements stand. Raises InputError for a campaign
-    without recordings, names or numbers that are there twice, and units off by a power of ten.
+    without recordings, names or numbers that are there twice, units and statements off by a power of ten, a
+    sensor of the wrong sign, and recordings that cannot be of one specimen.
     """
     found = tuple(recordings)
     if not found:
@@ -87,6 +90,10 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
             raise InputError(f"{recording.name}: rested = false, but no recording of specimen "
                              f"{recording.specimen} stands above it whose memory it could carry. Put that "
                              "one above, or take rested out.")
+    together = check_statements(found, sensors or {}) + check_specimens(found, sensors or {})
+    if together and used["plausibility"] == "error":
+        raise InputError(f"{together[0]} {OVERRIDE}")
+    collected += together
     if not any(r.role == "validate" for r in found) and len(found) > 1:
         collected.append('No recording has role = "validate": predictions cannot be checked on recordings '
                          'that no fit has seen. Set aside one or two.')

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
-from bayes_dea.campaign.tables import Source, open_source
+from bayes_dea.campaign.tables import Source, Table, open_source
 from bayes_dea.campaign.units import conversion
 from bayes_dea.campaign.vocabulary import COLUMNS, KNOWN_COLUMNS, did_you_mean, near
 from bayes_dea.errors import InputError
@@ -36,7 +36,7 @@ def read_columns(path: Path, kind: str, fmt: FormatMap, label: str) -> Read:
     from_file = {own: c for own, c in wanted.items() if c.rate_Hz is None}
     if not from_file:
         raise InputError(f"{label}: columns.time_s alone is no recording. Map the other columns in [format].")
-    table = source.read(list(from_file.values()))
+    table = cut(source.read(list(from_file.values())), fmt.rows, label)
     columns: dict[str, NDArray[np.float64]] = {}
     for own, column in wanted.items():
         if column.rate_Hz is not None:
@@ -45,6 +45,19 @@ def read_columns(path: Path, kind: str, fmt: FormatMap, label: str) -> Read:
             raw = table.columns[list(from_file).index(own)]
             columns[own] = to_si(raw, column, own, label)
     return Read(columns, table.where, tuple(warnings) + table.warnings)
+
+
+def cut(table: Table, rows: tuple[int, int] | None, label: str) -> Table:
+    """The rows (first, last), counted from 1, of a table. Raises InputError where it has fewer."""
+    if rows is None:
+        return table
+    first, last = rows
+    size = table.columns[0].size
+    if last > size:
+        raise InputError(f"{label}: [format] rows asks for row {last} after the header, but the file has {size}. "
+                         "Correct rows, or copy the file again if it was cut.")
+    return Table(tuple(c[first - 1:last].copy() for c in table.columns), lambda i: table.where(i + first - 1),
+                 table.warnings)
 
 
 def to_si(raw: NDArray[np.float64], column: ColumnMap, own: str, label: str) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_dea.campaign.clock import BadTimeError, seconds
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.campaign.tables import Table, missing_column
 from bayes_dea.errors import InputError
@@ -154,13 +155,32 @@ class CsvSource:
         row with too few or too many cells, and of a line that was cut.
         """
         positions = [self.position(c) for c in columns]
-        warnings = self._check_tail(positions)
-        arrays = self._fast(positions)
+        texts = {p: c.time_format for p, c in zip(positions, columns, strict=True) if c.time_format is not None}
+        numbers = [p for p in positions if p not in texts]
+        warnings = self._check_tail(numbers) if numbers else ()
+        arrays = self._fast(positions) if not texts else None
         if arrays is None:
-            arrays = self._careful(positions)
+            arrays = self._with_times(positions, texts) if texts else self._careful(positions)
         if arrays[0].size == 0:
             raise InputError(f"{self.label}: the file has a header and not one row of numbers.")
         return Table(tuple(arrays), self._where, warnings)
+
+    def _with_times(self, positions: list[int], texts: dict[int, str]) -> list[NDArray[np.float64]]:
+        """Columns of which some hold time as text."""
+        out: dict[int, NDArray[np.float64]] = {}
+        numbers = [p for p in dict.fromkeys(positions) if p not in texts]
+        if numbers:
+            fast = self._fast(numbers)
+            out.update(zip(numbers, fast if fast is not None else self._careful(numbers), strict=True))
+        for p, time_format in texts.items():
+            cells = [(row[p] if len(row) > p else "") for _, row in self._rows()]
+            try:
+                out[p] = seconds(cells, time_format)
+            except BadTimeError as exc:
+                raise InputError(f'{self.label}, {self._where(exc.index)}, column "{_readable(self.names[p])}": '
+                                 f'"{exc.text[:40]}" is no time of the format "{time_format}". Correct the cell, or '
+                                 "time_format in its [format].") from exc
+        return [out[p] for p in positions]
 
     def _where(self, index: int) -> str:
         for i, (number, _) in enumerate(self._rows()):
@@ -256,7 +276,7 @@ class CsvSource:
                 raise InputError(f"{self.label}, row {number}: {len(cells)} cells instead of {width}.{hint} "
                                  "Correct that row.")
             for column, p in zip(values, positions, strict=True):
-                value = _to_float(cells[p], self.fmt.decimal)
+                value = to_float(cells[p], self.fmt.decimal)
                 if value is None:
                     raise self._bad_cell(number, p, cells[p].strip(), not values[0])
                 column.append(value)
@@ -269,9 +289,9 @@ class CsvSource:
             return InputError(f"{self.label}, row {number}: zero bytes instead of a number; the recorder "
                               "stopped while writing. Delete the rows from there on.")
         remedy = "Write the number, or nan for a gap."
-        if self.fmt.decimal == "." and _to_float(text, ",") is not None:
+        if self.fmt.decimal == "." and to_float(text, ",") is not None:
             remedy = 'The number has a decimal comma: set decimal = "," in its [format].'
-        elif self.fmt.decimal == "," and _to_float(text, ".") is not None:
+        elif self.fmt.decimal == "," and to_float(text, ".") is not None:
             remedy = 'The number has a decimal point: set decimal = "." in its [format].'
         elif first and self.fmt.header:
             remedy = ("If that is a second header line (units), set header = 2 in its [format]; otherwise "
@@ -308,7 +328,7 @@ class CsvSource:
         end = len(last) - 1
         full = [r[end] for r in before if len(r) > end]
         if end in positions and (
-                _to_float(last[end], self.fmt.decimal) is None
+                to_float(last[end], self.fmt.decimal) is None
                 or (last[end] == "" and all(c != "" for c in full))
                 or (len(full) >= 10 and len(last[end]) < min(map(len, full)))):
             raise cut
@@ -334,7 +354,7 @@ def _readable(text: str) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def _to_float(cell: str, decimal: str) -> float | None:
+def to_float(cell: str, decimal: str) -> float | None:
     """The number in a cell, nan for a gap, None for text."""
     text = cell.strip()
     if text.lower() in GAPS:
@@ -352,4 +372,4 @@ def _to_float(cell: str, decimal: str) -> float | None:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
-    return _to_float(cell, decimal) is not None
+    return to_float(cell, decimal) is not None

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
+from bayes_dea.campaign.clock import NAMED_FORMATS, check_time_format
 from bayes_dea.campaign.vocabulary import KNOWN_COLUMNS, did_you_mean, near
 from bayes_dea.errors import InputError
 
 FORMAT_KEYS = ("delimiter", "decimal", "encoding", "skip_rows", "header", "columns", "dataset", "struct",
-               "type")
-COLUMN_KEYS = ("name", "index", "unit", "sign", "scale", "offset", "rate_Hz")
+               "type", "rows")
+COLUMN_KEYS = ("name", "index", "unit", "sign", "scale", "offset", "rate_Hz", "time_format")
 TYPES = ("csv", "mat", "hdf5", "parquet")
 
 
@@ -24,7 +25,8 @@ class ColumnMap:
 
     SI value = sign * unit(scale * (raw - offset)); offset is a number in the file's own unit, or "first" for
     the first finite value of the column. `index` counts columns from 1; with `name` it is a column of the
-    matrix of that name (.mat, HDF5). `rate_Hz` makes a time axis for files that hold none.
+    matrix of that name (.mat, HDF5). `rate_Hz` makes a time axis for files that hold none; `time_format` reads one
+    that is text ("iso", "clock" or a pattern of strptime; see clock.py), in seconds since the first row of the file.
     """
 
     name: str | None = None
@@ -34,6 +36,7 @@ class ColumnMap:
     scale: float = 1.0
     offset: float | Literal["first"] = 0.0
     rate_Hz: float | None = None
+    time_format: str | None = None
 
     def describe(self) -> str:
         """What to call the source in a message."""
@@ -48,7 +51,8 @@ class FormatMap:
 
     `skip_rows` counts lines as they stand in the file, empty ones too. `header` is the number of header lines
     after them (True 1, False 0): names stand in the first, the others (units) are skipped. `dataset` is the
-    group, struct, compound table or matrix of a .mat or HDF5 file inside which the names are looked up.
+    group, struct, compound table or matrix of a .mat or HDF5 file inside which the names are looked up. `rows` (first
+    and last row of numbers, counted from 1 after the header) takes one recording out of a long file.
     """
 
     delimiter: str = ","
@@ -58,6 +62,7 @@ class FormatMap:
     header: int = 1
     dataset: str | None = None
     type: str | None = None
+    rows: tuple[int, int] | None = None
     columns: Mapping[str, ColumnMap] = field(default_factory=lambda: MappingProxyType({}))
 
 
@@ -102,6 +107,8 @@ def parse_format(table: object, where: str, base: FormatMap | None = None) -> Fo
             raise InputError(f"{where}: unknown type {table['type']!r}. "
                              f"{did_you_mean(str(table['type']), TYPES)}")
         changes["type"] = table["type"]
+    if "rows" in table:
+        changes["rows"] = _rows(table["rows"], where)
     if "columns" in table:
         if not isinstance(table["columns"], Mapping):
             raise InputError(f'{where}: columns must be a table, e.g. columns.time_s = "Time (s)".')
@@ -144,6 +151,24 @@ def _count(value: object, what: str) -> int:
     return value
 
 
+def _rows(value: object, where: str) -> tuple[int, int]:
+    whole = isinstance(value, list) and len(value) == 2 and all(
+        isinstance(v, int) and not isinstance(v, bool) for v in value)
+    if not whole or not 1 <= value[0] <= value[1]:  # type: ignore[index]
+        raise InputError(f"{where}: rows must be the first and the last row of the recording, counted from 1 after the "
+                         f"header, such as [1, 5000], not {value!r}.")
+    return value[0], value[1]  # type: ignore[index]
+
+
+def _time_format(value: object, what: str, own: str) -> str:
+    if not isinstance(value, str) or not check_time_format(value):
+        raise InputError(f'{what}: time_format must be one of {", ".join(NAMED_FORMATS)} or a pattern such as '
+                         f'"%d.%m.%Y %H:%M:%S.%f", not {value!r}.')
+    if own != "time_s":
+        raise InputError(f"{what}: time_format goes with columns.time_s only.")
+    return value
+
+
 def _number(value: object, what: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"{what} must be a finite number, not {value!r}.")
@@ -178,9 +203,15 @@ def _column(value: object, what: str, own: str) -> ColumnMap:
                              "files without a time column.")
     elif name is None and index is None:
         name = own
+    time_format = value.get("time_format")
+    if time_format is not None:
+        time_format = _time_format(time_format, what, own)
+        if rate is not None or unit is not None:
+            raise InputError(f"{what}: time_format gives seconds; take unit and rate_Hz out.")
     if offset is not None and offset != "first":
         offset = _number(offset, f'{what}: offset (a number, or "first")')
     scale = _number(value.get("scale", 1.0), f"{what}: scale")
     if scale == 0.0:
         raise InputError(f"{what}: scale is 0, which would make every value 0.")
-    return ColumnMap(name, index, unit, int(sign), scale, 0.0 if offset is None else offset, rate)
+    return ColumnMap(name, index, unit, int(sign), scale, 0.0 if offset is None else offset, rate,
+                     time_format)

@@ -48,18 +48,17 @@ def resolve_file(name: str, folder: Path, data_root: Path | None, label: str) ->
     if "\0" in name:
         raise InputError(f"{label}: file = {name!r} holds a zero byte. Correct the name.")
     roots = [folder] + ([data_root] if data_root is not None else [])
-    inside = []
+    inside, outside = [], []
     for root in roots:
         candidate = (root / name).resolve()
-        if candidate.is_relative_to(root.resolve()):
-            inside.append(candidate)
+        (inside if candidate.is_relative_to(root.resolve()) else outside).append(candidate)
     for candidate in inside:
         if candidate.is_file():
             return candidate
     for candidate in inside:
         if candidate.is_dir():
             raise InputError(f'{label}: file = "{name}" is a folder. Name the file in it.')
-    if not inside:
+    if not inside or any(p.is_file() for p in outside):
         where = "the campaign's folder" + (" and the data root" if data_root is not None else "")
         raise InputError(f'{label}: file = "{name}" leads out of {where}. Move the file into the folder, or '
                          'give the folder that holds it with --data-root DIR and the path from there.')

@@ -20,6 +20,14 @@ _TYPICAL_MODULUS = 1e6  # Pa
 #: strokes this far from the yardstick, either way, are a wrong unit (kV for V is 1e6, mm for m is 1e3)
 _STROKE_FACTOR = 200.0
 _LONG_S = 3 * 86400.0
+#: what a message ends with when the user may know better
+OVERRIDE = 'If it is right as it is, set plausibility = "warn" in [conventions].'
+#: faster than this an actuator may swing against its drive (resonance), and a sign says nothing
+_SLOW_HZ = 5.0
+#: time constants with which the answer may lag behind the drive when its sign is judged, in s
+_SIGN_LAGS_S = (0.0, 0.03, 0.3, 3.0, 30.0)
+#: an answer that is the mirror image of the drive correlates with it by more than this, drifts and noise by less
+_SIGN_CORRELATION = 0.7
 
 
 def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None = None,
@@ -37,13 +45,13 @@ def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None =
         _voltage(recording, problems, warnings, where)
     if "displacement_m" in recording.columns:
         _displacement(recording, sensors or {}, problems, warnings, where)
+        _sign(recording, sensors or {}, problems)
     if "position_m" in recording.columns:
         _mechanical(recording, problems, warnings)
     _temperature(recording, problems)
     _gaps(recording, warnings, where)
     if problems and strict:
-        raise InputError(problems[0] + ' If it is right as it is, set plausibility = "warn" in '
-                                       '[conventions].')
+        raise InputError(f"{problems[0]} {OVERRIDE}")
     return problems + warnings
 
 
@@ -51,7 +59,7 @@ def _span(values: NDArray[np.float64]) -> float:
     return float(np.nanmax(values) - np.nanmin(values))
 
 
-def _usual_span(values: NDArray[np.float64]) -> float:
+def usual_span(values: NDArray[np.float64]) -> float:
     """Span of all but the half per cent at either end, so that a few drop-outs do not count."""
     some = values[:: max(1, values.size // 20_000)]
     low, high = np.nanpercentile(some, [0.5, 99.5]) if np.isfinite(some).any() else (0.0, 0.0)
@@ -82,7 +90,7 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
                         "seconds.")
     limit = r.actuator.max_frequency_Hz
     if limit is not None and "voltage_V" in r.columns:
-        frequency = _dominant_frequency(r.columns["voltage_V"], duration)
+        frequency = dominant_frequency(r.columns["voltage_V"], duration)
         if frequency > 20.0 * limit:
             problems.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, far beyond "
                             f"max_frequency_Hz = {limit:g}. Are the times off by a power of ten? Correct the "
@@ -103,7 +111,7 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
                         f"{median:.4g} s); the times are used as they stand.")
 
 
-def _dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
+def dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
     """Crossings of the middle, with a dead band of half the span so that noise does not count, per second."""
     finite = voltage[np.isfinite(voltage)]
     middle, band = 0.5 * (finite.max() + finite.min()), 0.25 * (finite.max() - finite.min())
@@ -156,7 +164,7 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
     a = r.actuator
     remedy = ('If the column is in mm or um, say so: columns.displacement_m = { name = "displacement_m", '
               'unit = "mm" } in its [format].')
-    usual = _usual_span(r.columns["displacement_m"])
+    usual = usual_span(r.columns["displacement_m"])
     if a.stack_height_m is not None and usual <= a.stack_height_m < stroke:
         far = np.abs(r.columns["displacement_m"] - np.nanmedian(r.columns["displacement_m"]))
         at = int(np.nanargmax(far))
@@ -195,6 +203,59 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
                             "voltage in mV? Correct the units in its [format].")
         else:
             warnings.append(f"{said(least)}. Check the units of displacement and voltage.")
+
+
+def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> None:
+    """Displacement that falls when the voltage rises: Maxwell stress only ever shortens a stack."""
+    if not r.is_voltage:
+        return
+    t, v, y = r.time_s, r.columns["voltage_V"], r.columns["displacement_m"]
+    duration = float(t[-1] - t[0])
+    if dominant_frequency(v, duration) > _SLOW_HZ:
+        return
+    good = np.isfinite(v) & np.isfinite(y)
+    if good.sum() < 20:
+        return
+    t, drive, answer = (_thinned(x[good]) for x in (t, np.square(v), y))
+    if np.ptp(drive) == 0.0:
+        return
+    sensor = sensors.get("displacement", Sensor())
+    floor = max(sensor.fluctuation or 0.0, sensor.resolution or 0.0)
+    base = np.column_stack([np.ones(t.size), (t - t[0]) / duration])  # an offset and a drift
+    answer = answer - base @ np.linalg.lstsq(base, answer, rcond=None)[0]
+    falls = rises = fall = 0.0
+    for lag in _SIGN_LAGS_S:
+        x = _lagged(t, drive, lag)
+        x = x - base @ np.linalg.lstsq(base, x, rcond=None)[0]
+        size = float(np.linalg.norm(x) * np.linalg.norm(answer))
+        correlation = float(x @ answer) / size if size > 0.0 else 0.0
+        if correlation < -falls:
+            falls = -correlation
+            fall = -correlation * float(np.linalg.norm(answer) / np.linalg.norm(x)) * float(np.ptp(x))
+        rises = max(rises, correlation)
+    if falls > _SIGN_CORRELATION and rises < 0.5 * falls and fall > 5.0 * floor:
+        problems.append(f"{r.name}: displacement_m falls by about {fall:.3g} m where the voltage rises; it is positive "
+                        "when the stack gets shorter. Turn it round: columns.displacement_m = { name = "
+                        '"displacement_m", sign = -1 } in its [format].')
+
+
+def _thinned(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means of neighbours, so that at most 5,000 values are left."""
+    block = -(-values.size // 5_000)
+    return values[: values.size // block * block].reshape(-1, block).mean(axis=1)
+
+
+def _lagged(t: NDArray[np.float64], drive: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
+    """A (n,) drive behind a first-order lag (s), from rest at its first value."""
+    if lag == 0.0:
+        return drive
+    keep = np.exp(-np.diff(t, prepend=t[0]) / lag)
+    out = np.empty_like(drive)
+    state = drive[0]
+    for i in range(drive.size):
+        state = drive[i] + keep[i] * (state - drive[i])
+        out[i] = state
+    return out
 
 
 def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:

@@ -130,7 +130,7 @@ def check_geometry(actuator: Actuator, where: str) -> None:
 def parse_sensors(given: object, where: str, extra_units: Mapping[str, str]) -> dict[str, Sensor]:
     """Sensors from `[sensor.X]`. `extra_units` holds further channels (of mapped columns) and their units.
 
-    Raises InputError for unknown channels, keys in another unit and negative statements.
+    Raises InputError for unknown channels, keys in another unit and statements that are not positive.
     """
     units = {**extra_units, **SENSOR_UNITS}
     content = table(given, f"{where}, [sensor]")
@@ -142,10 +142,7 @@ def parse_sensors(given: object, where: str, extra_units: Mapping[str, str]) -> 
         check_keys(table(statements, here), keys, here)
         values = {}
         for key, value in statements.items():
-            if keys[key] == "fluctuation":
-                values[keys[key]] = number(value, f"{here}: {key}", positive=True)
-            else:
-                values[keys[key]] = number(value, f"{here}: {key}", least=0.0)
+            values[keys[key]] = number(value, f"{here}: {key}", positive=True)
         sensors[channel] = Sensor(**values)
     return sensors
 

@@ -95,3 +95,15 @@ def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str]
                       '"..." in campaign.toml.')
     called = f'column "{column.name}"' + (f" (for {own})" if column.name != own else "")
     return InputError(f"{label}: {called} is missing. {found} {remedy}")
+
+
+def text_times(texts: Sequence[object], column: ColumnMap, label: str, what: str) -> NDArray[np.float64]:
+    """A column of texts as seconds, through its `time_format`. Raises InputError naming the first that is no time."""
+    from bayes_dea.campaign.clock import BadTimeError, seconds
+
+    plain = ("" if t is None else t.decode("utf-8", "replace") if isinstance(t, bytes) else str(t) for t in texts)
+    try:
+        return seconds(plain, column.time_format or "iso")
+    except BadTimeError as exc:
+        raise InputError(f'{label}, {what} {exc.index + 1}: "{exc.text[:40]}" of {column.describe()} is no time of the '
+                         f'format "{column.time_format}". Correct time_format in its [format].') from exc

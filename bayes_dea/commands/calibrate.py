@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import OutOption, QuietOption, SeedOption, WorkersOption, count, folder, overrides, seconds, writable
+from .options import (
+    AnewOption,
+    JsonOption,
+    OutOption,
+    QuietOption,
+    ResumeOption,
+    SeedOption,
+    WorkersOption,
+    begin,
+    conclude,
+    count,
+    folder,
+    overrides,
+    seconds,
+    threads,
+    writable,
+)
 from .progress import progress
 
 EXAMPLE = "Example: bayes-dea calibrate quickstart --model hooke+gm3 --out out"
@@ -32,14 +47,16 @@ def calibrate(
     max_steps: Annotated[int, count(help="Steps after which sampling stops, converged or not.", min=200)] = 20_000,
     max_seconds: Annotated[float | None, seconds(help="The same in seconds of sampling.", min=0.0)] = None,
     checkpoint_seconds: Annotated[float, seconds(help="Sampling that an interrupted run may lose.", min=0.0)] = 10.0,
-    json_output: Annotated[bool, typer.Option("--json", help="Print calibration.json instead of the summary.")] = False,
+    resume: ResumeOption = False,
+    anew: AnewOption = False,
+    json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fit a model to the recordings with role "identify" and predict all of them.
 
     Leaves calibration.json, posterior.nc (ArviZ) and report.html in --out.
 
-    Interrupted, it continues where it was when called again in the same way.
+    Interrupted, the same command with --resume goes on to the same numbers.
     """
     import warnings
     from dataclasses import replace
@@ -53,17 +70,18 @@ def calibrate(
     from ..run_state import checkpoint_for, finished
     from ..store import CALIBRATION_FILE, REPORT_FILE
 
-    with progress(quiet or json_output) as report:
+    with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
         structure = build_model(model, overrides(prior, priors))
         loaded = load_campaign(campaign, data_root)
-        settings = CalibrationSettings(walkers=walkers, workers=workers or os.cpu_count() or 1)
+        settings = CalibrationSettings(walkers=walkers, workers=threads(workers))
         settings = replace(settings, sampler=replace(settings.sampler, max_steps=max_steps, max_seconds=max_seconds,
                                                      checkpoint_seconds=checkpoint_seconds))
         writable(out)
         checkpoint = checkpoint_for(out, {"model": structure.name, "seed": seed, "walkers": walkers,
                                           "priors": {p.name: str(p.prior) for p in structure.parameters},
                                           "inputs": [i["sha256"] for i in loaded.inputs]})
+        begin(checkpoint, resume, anew)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotConvergedWarning)  # the summary says so
             result = run(loaded, structure, seed, settings, report=report, checkpoint=checkpoint)
@@ -71,8 +89,4 @@ def calibrate(
         report("writing the report", 0, 1, str(out))
         result.save(out)
         finished(out, keep=None if result.converged else checkpoint)
-    if json_output:
-        typer.echo((out / CALIBRATION_FILE).read_text(encoding="utf-8"), nl=False)
-    elif not quiet:
-        typer.echo(terminal_summary(result.summary))
-        typer.echo(f"\nReport: {out / REPORT_FILE}")
+    conclude(quiet, json_output, out / CALIBRATION_FILE, terminal_summary(result.summary), out / REPORT_FILE)

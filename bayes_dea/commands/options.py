@@ -1,8 +1,10 @@
-"""Options that several verbs take, and what is done with them before the work begins."""
+"""Options that several verbs take, and what is done with them before and after the work."""
 
 from __future__ import annotations
 
+import errno
 import os
+import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import BayesDEAError, InputError
+from ..results import PARTIAL
 
 if TYPE_CHECKING:
     from ..priors import Parameter, Prior
@@ -25,9 +28,38 @@ SeedOption = Annotated[int, count(help="Seed of every random number; the same se
 OutOption = Annotated[Path, folder(help="Folder for the results; made if it is not there.")]
 WorkersOption = Annotated[int, count(help="Threads for reading and predicting; 0: one per processor.", min=0)]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the JSON result instead of the summary.")]
+ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue an interrupted run of this very command, if "
+                                            "there is one; it also happens unsaid.")]
+AnewOption = Annotated[bool, typer.Option("--anew", help="Begin anew, also where a run was interrupted.")]
+
+
+
+def threads(workers: int) -> int:
+    """The number of threads that --workers means."""
+    return workers or os.cpu_count() or 1
+
+
+def begin(checkpoint: Path, resume: bool, anew: bool) -> None:
+    """What --resume and --anew do with the checkpoint that an interrupted run of the same command may have left."""
+    if resume and anew:
+        raise InputError("--resume and --anew: give one of them")
+    if anew:
+        checkpoint.unlink(missing_ok=True)
+
+
+def conclude(quiet: bool, as_json: bool, result: Path, summary: str, page: Path | None = None) -> None:
+    """What a verb prints at its end: the JSON file `result`, or the summary and where the page is, or nothing."""
+    if as_json:
+        typer.echo(result.read_text(encoding="utf-8"), nl=False)
+    elif not quiet:
+        typer.echo(summary)
+        if page is not None:
+            typer.echo(f"\nReport: {page}")
 
 
 def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter | Prior]:
+    """Priors of --prior and --priors by parameter name; the former win."""
     from ..priors import parse_override, read_prior_file
 
     if file is not None and file.is_dir():
@@ -40,12 +72,21 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
 
 
 def writable(folder: Path) -> None:
-    """Make the folder now: an error after minutes of sampling would come too late."""
+    """Make the folder and try it now: an error after minutes of sampling would come too late.
+
+    Raises InputError where another folder has to be named, BayesDEAError where the disk is full.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {folder}: there is a file of that name; choose another folder")
+    done = "made"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        done = "written to"
+        handle, trial = tempfile.mkstemp(dir=folder, prefix=PARTIAL)
+        os.close(handle)
+        os.unlink(trial)
     except OSError as error:
-        raise BayesDEAError(f"{folder}: cannot be made: {error.strerror or error}") from error
-    if not os.access(folder, os.W_OK):
-        raise BayesDEAError(f"{folder}: cannot be written to; choose another --out")
+        said = f"--out {folder}: cannot be {done}: {error.strerror or error}"
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+            raise BayesDEAError(f"{said}; make room there, or choose another folder") from error
+        raise InputError(f"{said}; choose another folder, or change its permissions") from error

@@ -1,29 +1,88 @@
-"""Progress on a terminal, silence in a pipe, and signals that stop a run between two whole steps."""
+"""Progress on a terminal, silence in a pipe, and signals as exceptions."""
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from types import FrameType
 from typing import Any
+
+#: called with (phase, done, of, text); what is done is a number of whatever the phase counts
+Report = Callable[[str, float, float, str], None]
+_SECONDS_BETWEEN_LINES = 5.0
 
 
 @contextlib.contextmanager
-def progress(quiet: bool) -> Iterator[Any]:
+def progress(quiet: bool) -> Iterator[Report]:
     """A callback (phase, done, of, text) that draws on a terminal and not in a pipe.
 
-    It is also where a run is interrupted: a signal that arrives while the sampler is at work is held back until the
-    next call, between two whole steps.
+    On a terminal without colours (TERM=dumb, NO_COLOR, --no-color) it writes a plain line now and then.
     """
     if quiet or not sys.stderr.isatty():
-        yield _interruptible(lambda *_: None)
-        return
+        yield lambda *_: None
+    elif plain_terminal():
+        yield _Lines()
+    else:
+        with _bar() as update:
+            yield update
+
+
+def plain_terminal() -> bool:
+    """Whether the terminal takes no colours or is asked to show none (https://no-color.org)."""
+    return bool(os.environ.get("NO_COLOR")) or os.environ.get("TERM", "") in ("", "dumb")
+
+
+def no_colours() -> None:
+    """From here on, no escape codes: not in help texts, not in progress."""
+    os.environ.pop("FORCE_COLOR", None)
+    os.environ["NO_COLOR"] = "1"
+    os.environ["TERM"] = "dumb"  # NO_COLOR alone leaves bold and dim
+
+
+class _Lines:
+    """Progress as lines: one when a phase begins, others while it lasts."""
+
+    def __init__(self) -> None:
+        self.phase = ""
+        self.began = self.last = 0.0
+
+    def __call__(self, phase: str, done: float, of: float, text: str) -> None:
+        now = time.monotonic()
+        if phase != self.phase:
+            self.phase, self.began, self.last = phase, now, now
+            print(f"{phase} ...", file=sys.stderr, flush=True)
+        elif done > 0 and now - self.last >= _SECONDS_BETWEEN_LINES:
+            self.last = now
+            left = (now - self.began) * max(of - done, 0.0) / done
+            line = f"{phase}: {100 * min(done / of, 1.0):.0f} %, about {duration(left)} left"
+            print(f"{line} ({text})"[:79] if text else line, file=sys.stderr, flush=True)
+
+
+def duration(seconds: float) -> str:
+    """`42 s`, `3 min 10 s`, `2 h 5 min`."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+@contextlib.contextmanager
+def _bar() -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.table import Column
 
-    bar = Progress(TextColumn("{task.description:<20}"), BarColumn(20), TimeElapsedColumn(), TimeRemainingColumn(),
-                   TextColumn("{task.fields[text]}"), console=Console(stderr=True), transient=True)
+    # one line of a terminal of 80 columns; what does not fit is cut rather than wrapped
+    bar = Progress(TextColumn("{task.description}", table_column=Column(width=18, no_wrap=True)), BarColumn(12),
+                   TimeElapsedColumn(), TimeRemainingColumn(),
+                   TextColumn("{task.fields[text]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
+                   console=Console(stderr=True), transient=True, expand=True)
     tasks: dict[str, Any] = {}
 
     def update(phase: str, done: float, of: float, text: str) -> None:
@@ -31,10 +90,10 @@ def progress(quiet: bool) -> Iterator[Any]:
             for task in tasks.values():
                 bar.update(task, completed=1, total=1, visible=False)
             tasks[phase] = bar.add_task(phase, total=None, text="")
-        bar.update(tasks[phase], completed=done, total=of if done > 0 else None, text=text[:60])
+        bar.update(tasks[phase], completed=done, total=of if done > 0 else None, text=text, visible=True)
 
     with bar:
-        yield _interruptible(update)
+        yield update
 
 
 class Interrupted(BaseException):
@@ -46,47 +105,53 @@ class Interrupted(BaseException):
 
 
 class Signals:
-    """Signals as exceptions: at once, or at the next `release` while `held`; a second one always at once."""
+    """SIGINT and SIGTERM raised as `Interrupted` where they arrive."""
 
     def __init__(self) -> None:
-        self.held = False
-        self.pending: Interrupted | None = None
+        self.dropped: Interrupted | None = None
+        self.installed: list[int] = []
 
     def install(self) -> None:
+        """From here on; not in a thread, and not for what the shell has told its background jobs to ignore."""
         sys.unraisablehook = self._unraisable
         with contextlib.suppress(ValueError, AttributeError):  # not in the main thread; no SIGALRM
             for number in (signal.SIGTERM, signal.SIGINT):
-                if signal.getsignal(number) != signal.SIG_IGN:  # a shell's background jobs ignore SIGINT
+                if signal.getsignal(number) != signal.SIG_IGN:
                     signal.signal(number, self._arrived)
-            signal.signal(signal.SIGALRM, lambda *_: self.release())
+                    self.installed.append(number)
+            signal.signal(signal.SIGALRM, self._again)
+
+    def ignore(self) -> None:
+        """The work is done and what is left is to leave: a traceback from there would help nobody."""
+        for number in self.installed:
+            signal.signal(number, signal.SIG_IGN)
+
+    def _arrived(self, number: int, frame: FrameType | None) -> None:
+        self._raise(Interrupted(number), frame)
 
     def _unraisable(self, what: sys.UnraisableHookArgs) -> None:
         """Python drops what is raised in the callback of a destructor: ours is raised again a moment later."""
         if isinstance(what.exc_value, Interrupted):
-            signal.setitimer(signal.ITIMER_REAL, 0.02)
+            self._later(what.exc_value)
         else:
             sys.__unraisablehook__(what)
 
-    def _arrived(self, number: int, _frame: object) -> None:
-        first, self.pending = self.pending is None, Interrupted(number)
-        if not (self.held and first):
-            raise self.pending
-
-    def release(self) -> None:
-        """Raise what was held back or dropped."""
-        error, self.pending = self.pending, None
+    def _again(self, _number: int, frame: FrameType | None) -> None:
+        error, self.dropped = self.dropped, None
         if error is not None:
-            raise error
+            self._raise(error, frame)
+
+    def _raise(self, error: Interrupted, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_code is Signals._unraisable.__code__:  # what is raised in there is lost for good
+                self._later(error)
+                return
+            frame = frame.f_back
+        raise error
+
+    def _later(self, error: Interrupted) -> None:
+        self.dropped = error
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
 
 
 signals = Signals()
-
-
-def _interruptible(report: Any) -> Any:
-    # emcee prints a traceback for every exception inside the density, also for those of signals
-    def update(phase: str, done: float, of: float, text: str) -> None:
-        signals.held = phase.startswith("sampling")
-        signals.release()
-        report(phase, done, of, text)
-
-    return update

@@ -14,6 +14,8 @@ EXAMPLE = "Example: bayes-dea report out"
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of an earlier calibration.")],
+    static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
+                                         "repository.")] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Draw report.html again from the JSON and posterior.nc in a folder."""
@@ -21,6 +23,6 @@ def report(
     from ..store import load_posterior
 
     load_posterior(folder)
-    page = write_report(folder)
+    page = write_report(folder, interactive=not static)
     if not quiet:
         typer.echo(f"Report: {page}")

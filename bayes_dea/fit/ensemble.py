@@ -7,10 +7,10 @@ The snooker move of emcee 3.1.6 does not sample its target and is not offered.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
-import os
-import tempfile
 import time
 import warnings
 import zipfile
@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_dea.errors import InputError, NotConvergedWarning
+from bayes_dea.errors import BayesDEAError, InputError, NotConvergedWarning
 from bayes_dea.fit.diagnostics import ess, integrated_time, rank_rhat
+from bayes_dea.results import write_bytes
 
 Array = NDArray[np.float64]
 _BLOCK = 20  # steps between looks at the clock
@@ -136,7 +137,8 @@ def sample(
     and warned about. start: (ensembles, walkers, d), ensembles from different starts, walkers at least 2 d.
     derived: (n, d) -> {name: (n,)}, further quantities that have to converge. report: called at each check.
     rng: seeds the ensembles; needed unless resuming. checkpoint: file rewritten atomically every
-    `checkpoint_seconds` and at the end. resume_from: such a file; the run goes on to the same numbers as
+    `checkpoint_seconds`, at the end, and when an exception passes (an interruption loses nothing that was
+    done). resume_from: such a file; the run goes on to the same numbers as
     if it had never stopped, provided density, start and settings other than limits are the same.
     Raises InputError for a wrong start (shape, walkers outside the support or in a subspace) and for
     a checkpoint that belongs to another run. Warns NotConvergedWarning when a limit ended the run.
@@ -162,32 +164,46 @@ def sample(
     began = last_saved = time.monotonic()
     verdict = _Verdict.nothing(d, e)
     reason = ""
-    while True:
-        # A limit is looked at after every block, the stopping rule only at the steps meant for it: a run
-        # that was cut and resumed in between must come to the same decisions.
-        limit = _limit(store.step, s, began)
-        if limit or store.step in checks:
-            verdict = _judge(store, s, labels, derived, final=bool(limit))
-            if verdict.converged:
-                reason = "converged"
-            elif limit:
-                reason = f"stopped at {limit}: {verdict.lacking}"
-        if reason:
-            break
-        n = min(_BLOCK - store.step % _BLOCK, s.max_steps - store.step)
-        for k, sampler in enumerate(samplers):
-            store.run(k, sampler, n)
-        store.finish_block(n, s.max_stored)
-        store.evaluations, store.nan_count = density.evaluations, density.nan_count
-        now = time.monotonic()
-        if checkpoint is not None and now - last_saved >= s.checkpoint_seconds:
-            store.save(Path(checkpoint), key)
-            last_saved = now
-        if report is not None:
-            worst = max(verdict.rhat.values(), default=np.nan)
-            tau = float(np.max(verdict.tau)) if np.all(np.isfinite(verdict.tau)) else np.nan
-            rate = float(np.mean(store.accepted) / store.step)
-            report(Progress(store.step, s.max_steps, now - began, tau, worst, rate, density.evaluations))
+    whole = True
+    try:
+        while True:
+            # A limit is looked at after every block, the stopping rule only at the steps meant for it: a run
+            # that was cut and resumed in between must come to the same decisions.
+            limit = _limit(store.step, s, began)
+            if limit or store.step in checks:
+                verdict = _judge(store, s, labels, derived, final=bool(limit))
+                if verdict.converged:
+                    reason = "converged"
+                elif limit:
+                    reason = f"stopped at {limit}: {verdict.lacking}"
+            if reason:
+                break
+            n = min(_BLOCK - store.step % _BLOCK, s.max_steps - store.step)
+            before = store.mark()
+            try:
+                for k, sampler in enumerate(samplers):
+                    store.run(k, sampler, n)
+            except BaseException:
+                store.back_to(before)  # ensembles at different steps could not go on as one run
+                raise
+            whole = False
+            store.finish_block(n, s.max_stored)
+            store.evaluations, store.nan_count = density.evaluations, density.nan_count
+            whole = True
+            now = time.monotonic()
+            if checkpoint is not None and now - last_saved >= s.checkpoint_seconds:
+                store.save(Path(checkpoint), key)
+                last_saved = now
+            if report is not None:
+                worst = max(verdict.rhat.values(), default=np.nan)
+                tau = float(np.max(verdict.tau)) if np.all(np.isfinite(verdict.tau)) else np.nan
+                rate = float(np.mean(store.accepted) / store.step)
+                report(Progress(store.step, s.max_steps, now - began, tau, worst, rate, density.evaluations))
+    except BaseException:
+        if checkpoint is not None and store.step and whole:
+            with contextlib.suppress(BayesDEAError):  # what was raised says more
+                store.save(Path(checkpoint), key)
+        raise
     if checkpoint is not None:
         store.save(Path(checkpoint), key)
     if density.nan_count:
@@ -265,7 +281,22 @@ def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings) -> Any:
         (emcee.moves.DEMove(sigma=s.de_sigma, gamma0=1.0), s.jump_weight),
         (emcee.moves.StretchMove(), s.stretch_weight),
     ]
-    return emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
+    sampler = emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
+    # emcee's wrapper prints the points and a traceback for whatever passes through, also for a Ctrl-C
+    sampler.log_prob_fn = density
+    return sampler
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A store between two blocks (shapes as there; the blocks themselves are never written to again)."""
+
+    coords: Array
+    values: Array
+    random: list[Any]
+    accepted: NDArray[np.int64]
+    chain: list[list[Array]]
+    log_prob: list[list[Array]]
 
 
 @dataclass
@@ -314,6 +345,16 @@ class _Store:
             self.chain[k].append(np.array(kept_x))
             self.log_prob[k].append(np.array(kept_lp))
 
+    def mark(self) -> _Mark:
+        """What a block changes, as it is now."""
+        return _Mark(self.coords.copy(), self.values.copy(), list(self.random), self.accepted.copy(),
+                     [list(blocks) for blocks in self.chain], [list(blocks) for blocks in self.log_prob])
+
+    def back_to(self, mark: _Mark) -> None:
+        """Undo what was begun since `mark`."""
+        self.coords, self.values, self.random = mark.coords, mark.values, mark.random
+        self.accepted, self.chain, self.log_prob = mark.accepted, mark.chain, mark.log_prob
+
     def stored(self) -> tuple[Array, Array]:
         """Stored steps so far: chain (e, steps, w, d), log_prob (e, steps, w)."""
         self.chain = [[np.concatenate(blocks)] for blocks in self.chain]
@@ -330,7 +371,7 @@ class _Store:
             self.thin *= 2
 
     def save(self, path: Path, key: str) -> None:
-        """Write beside the target, then rename: a kill leaves the old file or the new one, never half."""
+        """The whole state as a file, atomically. Raises BayesDEAError where it cannot be written."""
         chain, log_prob = self.stored()
         arrays: dict[str, Any] = {
             "coords": self.coords, "values": self.values, "accepted": self.accepted,
@@ -341,17 +382,10 @@ class _Store:
             "counts": np.array([self.step, self.thin, self.evaluations, self.nan_count], np.int64),
             "key": np.array(key),
         }  # fmt: skip
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as out:
-                np.savez(out, **arrays)
-                out.flush()
-                os.fsync(out.fileno())
-            os.replace(temporary, path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        # in memory first: a zip file that cannot be closed on a full disk complains once more when it is collected
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        write_bytes(path, content.getvalue())
 
     @staticmethod
     def load(path: Path, key: str) -> _Store:

@@ -215,6 +215,10 @@ def sum_group(grams: Sequence[RecordGram], gain_sd: float) -> GramGroup:
     )
 
 
+#: sums of squares over sigma^2 beyond which their difference is lost to more than about a nat of rounding
+_LARGEST = 3e14
+
+
 @nb.njit(cache=True)
 def _stack_weights(sigma, rhos, steps, rates, out):
     """Weight of each stacked sum in the inverse covariance, and log det of the covariance per pair class."""
@@ -255,6 +259,16 @@ def evaluate(coef, sigma, rho, total, steps, rates, pairs, chains, n, side, inne
         _stack_weights(sigma[b], rho[b], steps, rates, w)
         xx = xy = yy = 0.0
         x = coef[b]
+        lost = 0.0
+        for s in range(S):
+            size = math.sqrt(abs(total[s, q - 1, q - 1]))
+            for i in range(q - 1):
+                size += abs(x[i]) * math.sqrt(abs(total[s, i, i]))
+            lost += abs(w[s]) * size * size
+        if not lost < _LARGEST:
+            # absurd compliances that nearly cancel: the residual is rounding, and could come out negative
+            out[b, 0] = -np.inf
+            continue
         for s in range(S):
             sxx = 0.0
             for i in range(q - 1):

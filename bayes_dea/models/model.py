@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..priors import Parameter, Prior, PriorSet, apply_overrides, prior_folder, read_prior_file
+from .effects import registered_effects
 from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
 from .spec import Spec, parse_spec
 
@@ -372,6 +373,13 @@ def default_parameters(spec: Spec) -> tuple[Parameter, ...]:
             out.append(_with_name(p, p.name, prior, ordered=p.ordered))
     elif spec.network in ("pz3", "ss3"):
         out += list(read_prior_file(folder / "pz3.toml").values())
+    for effect in spec.effects:
+        for p in registered_effects()[effect].parameters_in(spec.effects):
+            prior = p.prior
+            if prior.relative_to == "Y_Pa" and spec.law not in (None, "hooke"):
+                modulus = PRIMARY[spec.law or "hooke"]
+                prior = Prior(prior.family, prior.a * modulus[1], prior.b, modulus[0])
+            out.append(_with_name(p, p.name, prior, ordered=p.ordered))
     return tuple(out)
 
 

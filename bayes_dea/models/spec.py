@@ -1,4 +1,4 @@
-"""SPEC texts (CONTRACT 2) to the parts of a model: ``hooke+gm3``, ``yeoh+gkv2``, ``pz3``, ``ss3``."""
+"""SPEC texts (CONTRACT 2) to the parts of a model: ``hooke+gm3``, ``yeoh+gkv2``, ``pz3``, ``hooke+gm3+inertia``."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def parse_spec(text: str) -> Spec:
             hint = f"; did you mean '{near[0]}'?" if near else "."
             raise InputError(
                 f"model '{text}': '{part}' is unknown{hint} A model is a static law "
-                f"({', '.join(LAWS)}) + gmN, gkvN or gkmN with N = 1..{MAX_ELEMENTS}, or pz3, or ss3."
+                f"({', '.join(LAWS)}) + gmN, gkvN or gkmN with N = 1..{MAX_ELEMENTS}, or pz3, or ss3, and effects "
+                f"({', '.join(registered_effects())})."
             )
     if network in BLACK_BOXES:
         if law is not None:
@@ -89,4 +90,12 @@ def parse_spec(text: str) -> Spec:
     elif law is None:
         network_text = parts[0] if parts else ""
         raise InputError(f"model '{text}': a network needs a static law as its spring; write 'hooke+{network_text}'")
-    return Spec(law, network, elements, tuple(effects))
+    known = registered_effects()
+    for name in effects:
+        if law is None and not known[name].black_box:
+            raise InputError(f"model '{text}': {network} knows no strain, so '{name}' has nothing to act on; take a "
+                             "static law with a network, e.g. hooke+gm3")
+        if network != "none" and known[name].without_network == network:
+            raise InputError(f"model '{text}': {network}{elements} has the part '{name}' already; leave one out")
+    # the chain has one order, whatever the order of the names
+    return Spec(law, network, elements, tuple(name for name in known if name in effects))

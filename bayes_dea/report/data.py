@@ -12,6 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..page_data import PageData
 from ..results import read_json
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_name, variable_names
 from . import symbols
@@ -45,6 +46,7 @@ class RecordingData:
     spectrum: Mapping[str, Array] = field(repr=False)  # frequency_Hz, density (f,), white (1,)
     pit_histogram: Array = field(repr=False)
     prior_largest: Array = field(repr=False)  # largest output of prior draws, may be empty
+    page: PageData | None = field(repr=False, default=None)  # for zooming; results of older versions have none
 
     @property
     def name(self) -> str:
@@ -166,7 +168,11 @@ def read_result(folder: Path) -> ResultData:
             prior = {k: v.ravel() for k, v in _group(file, "prior").items() if v.ndim == 2}
             lp = _group(file, "sample_stats").get("lp", np.empty(shape))
             recordings = _recordings(
-                summary, _group(file, "observed_data"), _group(file, "constant_data"), _group(file, "prior_predictive")
+                summary,
+                _group(file, "observed_data"),
+                _group(file, "constant_data"),
+                _group(file, "prior_predictive"),
+                _pages(file),
             )
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a posterior ({error}); run the calibration again") from error
@@ -190,7 +196,17 @@ def _group(file: Any, name: str) -> dict[str, Array]:
     return {
         key: np.asarray(item[()], dtype=float)
         for key, item in file[name].items()
-        if hasattr(item, "dtype") and item.dtype.kind in "fiu"
+        if hasattr(item, "dtype") and item.dtype.kind in "fiu" and not key.endswith("__page")
+    }
+
+
+def _pages(file: Any) -> dict[str, PageData]:
+    """What was kept of each recording for zooming, by its name as a variable."""
+    group = file.get("constant_data", {})
+    return {
+        key.removesuffix("__page"): PageData.from_bytes(np.asarray(item[()], dtype=np.uint8).tobytes())
+        for key, item in group.items()
+        if key.endswith("__page") and hasattr(item, "dtype")
     }
 
 
@@ -203,6 +219,7 @@ def _recordings(
     observed: Mapping[str, Array],
     constant: Mapping[str, Array],
     largest: Mapping[str, Array],
+    pages: Mapping[str, PageData],
 ) -> tuple[RecordingData, ...]:
     entries = summary["recordings"]
     names = variable_names([e["recording"] for e in entries])
@@ -233,6 +250,7 @@ def _recordings(
                 tables["spectrum"],
                 constant.get(f"{v}__pit_histogram", np.empty(0)),
                 peaks[np.isfinite(peaks)],
+                pages.get(v),
             )
         )
     return tuple(out)

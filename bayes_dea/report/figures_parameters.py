@@ -59,8 +59,8 @@ def density_picture(data: ResultData, columns: int = 3) -> Picture | None:
         )
         before, after = style.smooth_density(a, coarse, 1.3, mirror=True), style.smooth_density(b, fine, 1.2)
         x_before, x_after = (10.0**coarse, 10.0**fine) if log else (coarse, fine)
-        ax.fill_between(x_before, before, color="#f7e3bd", lw=0)
-        ax.plot(x_before, before, color="#a86f00", ls="--", lw=1.1)
+        ax.fill_between(x_before, before, color=style.PRIOR_AREA, lw=0)
+        ax.plot(x_before, before, color=style.PRIOR, ls="--", lw=1.1)
         ax.fill_between(x_after, after, color=style.BLUE, alpha=0.35, lw=0)
         ax.plot(x_after, after, color=style.BLUE, lw=1.2)
         if log:
@@ -349,7 +349,7 @@ def _sampled(data: ResultData) -> list[str]:
     return [*names, "lp"] if data.lp.ndim == 2 and data.lp.size and np.isfinite(data.lp).all() else names
 
 
-def _styles(count: int) -> list[tuple[str, str]]:
+def _styles(count: int) -> list[tuple[str, Any]]:
     return [style.CHAIN_STYLES[i % len(style.CHAIN_STYLES)] for i in range(count)]
 
 

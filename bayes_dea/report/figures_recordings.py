@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import digits, style
+from . import digits, style, svg_sheet
 from .data import RecordingData
 from .style import Picture
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .svg_sheet import Key, Panel
 
 Z50, Z90 = 0.6745, 1.6449  # half-widths of the central normal bands
 _MOST_POINTS = 700  # in one panel: more than its pixels can show, and all that a page of twenty recordings can carry
+_WIDTH, _HEIGHT = 643, 394  # px
+_LEFT, _RIGHT = 66.0, 622.0
+_KEYS = (
+    Key("dot", style.BLACK, "measured"),
+    Key("line", style.BLUE, "predicted"),
+    Key("area", style.BAND_50, "50 % band"),
+    Key("area", style.BAND_90, "90 % band"),
+)
 
 
 @dataclass(frozen=True)
@@ -58,72 +62,60 @@ def fit_picture(r: RecordingData) -> Picture:
     """Measured against predicted with 50 and 90 % bands, and the residuals in units of their own band."""
     detail = detail_of(r.time_s, r.input)
     scale = digits.scale_for(float(np.nanmax(np.abs(r.observed))), r.unit)
-    figure = style.new_figure(4.1)
-    grid = figure.add_gridspec(
-        2,
-        2,
-        left=0.1,
-        right=0.965,
-        top=0.915,
-        bottom=0.115,
-        hspace=0.14,
-        wspace=0.2 if detail.log else 0.13,
-        width_ratios=(1.25, 1),
-        height_ratios=(1.9, 1),
-    )
     observed, mean, sd = r.observed / scale.factor, r.mean / scale.factor, r.sd_sample / scale.factor
     with np.errstate(divide="ignore", invalid="ignore"):
         z = (r.observed - r.mean) / r.sd_block
     limit = max(3.6, 1.08 * float(np.nanmax(np.abs(z))))
+    gap = 52.0 if detail.log else 26.0
+    wide = (_RIGHT - _LEFT - gap) / 2.25
+    panels = []
     for column in (0, 1):
-        inside = np.ones(len(r.time_s), bool)
-        x = r.time_s
+        inside, x = np.ones(len(r.time_s), bool), r.time_s
+        limits = (float(x[0]), float(x[-1]))
         if column == 1:
             x = x - detail.origin
+            limits = (detail.low, detail.high)
             inside = (x >= detail.low) & (x <= detail.high)
-        top, bottom = figure.add_subplot(grid[0, column]), figure.add_subplot(grid[1, column])
         shown = np.flatnonzero(inside)
-        chosen = thinned_dots(shown, z)
-        _bands(top, x, mean, sd, thinned_line(shown, mean))
-        style.dots(top, x[chosen], observed[chosen], 1.8)
+        dots, curve = thinned_dots(shown, z), thinned_line(shown, mean)
         # the hold has its own range: creep is a small part of the stroke
-        within = shown if detail.log else np.arange(len(x))
-        low = min(np.nanmin((mean - 2.2 * sd)[within]), np.nanmin(observed[within]))
-        high = max(np.nanmax((mean + 2.2 * sd)[within]), np.nanmax(observed[within]))
-        top.set_ylim(low - 0.03 * (high - low), high + 0.03 * (high - low))
-        bottom.axhspan(-Z90, Z90, color=style.BAND_90, lw=0)
-        bottom.axhspan(-Z50, Z50, color=style.BAND_50, lw=0)
-        bottom.axhline(0, color=style.BLUE, lw=0.8)
-        style.dots(bottom, x[chosen], z[chosen], 1.8)
-        bottom.set_ylim(-limit, limit)
-        for ax in (top, bottom):
-            if column == 1 and detail.log:
-                style.set_log_x(ax, detail.low, detail.high)
-            elif column == 1:
-                ax.set_xlim(detail.low, detail.high)
-                ax.locator_params(axis="x", nbins=5)
-            else:
-                ax.set_xlim(float(x[0]), float(x[-1]))
-        top.tick_params(labelbottom=False)
-        bottom.set_xlabel("time since last edge / s" if column and detail.log else "time / s")
-        if column == 1:
-            top.tick_params(labelleft=detail.log)
-            bottom.tick_params(labelleft=False)
-        else:
-            top.set_ylabel(f"{r.channel} / {scale.unit}")
-            bottom.set_ylabel("residual / sd")
-            figure.align_ylabels([top, bottom])
-    _legend(figure)
+        within = shown if detail.log and column else np.arange(len(x))
+        y_limits = svg_sheet.limits_of((mean - 2.2 * sd)[within], (mean + 2.2 * sd)[within], observed[within])
+        left, width = (_LEFT, 1.25 * wide) if column == 0 else (_LEFT + 1.25 * wide + gap, wide)
+        log = detail.log and column == 1
+        top = Panel(left, 34, width, 198, limits, y_limits, log_x=log)
+        bottom = Panel(left, 246, width, 102, limits, (-limit, limit), log_x=log)
+        for z_, color in ((Z90, style.BAND_90), (Z50, style.BAND_50)):
+            top.band(x[curve], (mean - z_ * sd)[curve], (mean + z_ * sd)[curve], color)
+            bottom.span(-z_, z_, color)
+        top.line(x[curve], mean[curve], style.BLUE, 1.6)
+        bottom.level(0.0, style.BLUE)
+        top.dots(x[dots], observed[dots])
+        bottom.dots(x[dots], z[dots])
+        top.x_axis(labelled=False)
+        bottom.x_axis("time since last edge / s" if log else "time / s")
+        top.y_axis(f"{r.channel} / {scale.unit}" if column == 0 else "", labelled=column == 0 or detail.log)
+        bottom.y_axis("residual / sd" if column == 0 else "", labelled=column == 0)
+        panels += [top, bottom]
     inside_90 = float(np.mean(np.abs(z[np.isfinite(z)]) <= Z90))
-    worst = int(np.nanargmax(np.abs(z)))
     word = "fitted" if r.fitted else "never fitted"
     caption = (
         f"Measured (dots; {word}) and predicted (line with bands) over time; right: {detail.words}. Below, each "
         f"block's residual over the sd of its mean: {digits.percent(inside_90, 0)} % of the blocks lie in the "
-        f"light band, where 90 % should; the largest departure is {digits.fixed(float(z[worst]), 1)} sd at "
-        f"{digits.significant(float(r.time_s[worst]), 3)} s."
+        f"light band, where 90 % should; the largest departure is {largest_departure(r)}."
     )
-    return style.picture(figure, caption, f"{r.name}: measured against predicted over time, and residuals")
+    svg = svg_sheet.sheet(_WIDTH, _HEIGHT, panels, _KEYS)
+    return style.picture_of(
+        svg, _WIDTH, _HEIGHT, caption, f"{r.name}: measured against predicted over time, and residuals"
+    )
+
+
+def largest_departure(r: RecordingData) -> str:
+    """The block farthest from its prediction in units of the sd of its mean, in words."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = (r.observed - r.mean) / r.sd_block
+    worst = int(np.nanargmax(np.abs(z)))
+    return f"{digits.fixed(float(z[worst]), 1)} sd at {digits.significant(float(r.time_s[worst]), 3)} s"
 
 
 def thinned_dots(shown: NDArray, z: NDArray, most: int = _MOST_POINTS) -> NDArray:
@@ -144,120 +136,93 @@ def thinned_line(shown: NDArray, y: NDArray, most: int = _MOST_POINTS) -> NDArra
     return np.unique([shown[0], *ends, shown[-1]])
 
 
-def _bands(ax: Axes, x: NDArray, mean: NDArray, sd: NDArray, at: NDArray) -> None:
-    x, mean, sd = x[at], mean[at], sd[at]
-    ax.fill_between(x, mean - Z90 * sd, mean + Z90 * sd, color=style.BAND_90, lw=0)
-    ax.fill_between(x, mean - Z50 * sd, mean + Z50 * sd, color=style.BAND_50, lw=0)
-    ax.plot(x, mean, color=style.BLUE, lw=1.2, zorder=4)
-
-
-def _legend(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles = [
-        Line2D([], [], color=style.BLACK, marker="o", markersize=2.5, lw=0),
-        Line2D([], [], color=style.BLUE),
-        Patch(color=style.BAND_50),
-        Patch(color=style.BAND_90),
-    ]
-    figure.legend(
-        handles,
-        ["measured", "predicted", "50 % band", "90 % band"],
-        loc="upper left",
-        ncols=4,
-        bbox_to_anchor=(0.085, 1.005),
-        borderaxespad=0.2,
-        columnspacing=1.4,
-    )
-
-
 def residual_picture(r: RecordingData) -> Picture:
     """Residuals in units of noise sd by time and by input, their spectrum against white, and the PIT histogram."""
-    figure = style.new_figure(4.1)
-    grid = figure.add_gridspec(2, 2, left=0.1, right=0.965, top=0.93, bottom=0.115, hspace=0.5, wspace=0.28)
     word, unit = r.input_column
     drive = digits.scale_for(float(np.nanmax(np.abs(r.input))) or None, unit)
-    _binned(figure.add_subplot(grid[0, 0]), r.by_time, 1.0, "time / s", "over time")
-    _binned(
-        figure.add_subplot(grid[0, 1]), r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}", marks=True
-    )
-    _spectrum(figure.add_subplot(grid[1, 0]), r)
-    _pit(figure.add_subplot(grid[1, 1]), r)
+    places = [(x, y) for y in (26.0, 222.0) for x in (_LEFT, _LEFT + 318.0)]
+    panels = [
+        _binned(places[0], r.by_time, 1.0, "time / s", "over time"),
+        _binned(places[1], r.by_input, drive.factor, f"{word} / {drive.unit}", f"by {word}", marks=True),
+        _spectrum(places[2], r),
+        _pit(places[3], r),
+    ]
     caption = (
         f"Residuals of single samples in units of the noise sd. Means (dots, with two standard errors; 0 "
         f"expected) stay within {_largest_mean(r.by_time)} over time and {_largest_mean(r.by_input)} by {word}; "
         f"dashed: RMS, 1 expected. {_spectrum_words(r)} PIT: {_pit_words(r)}."
     )
-    return style.picture(figure, caption, f"{r.name}: residuals over time and by {word}, spectrum, PIT histogram")
+    svg = svg_sheet.sheet(_WIDTH, _HEIGHT, panels)
+    alt = f"{r.name}: residuals over time and by {word}, spectrum, PIT histogram"
+    return style.picture_of(svg, _WIDTH, _HEIGHT, caption, alt)
+
+
+def _small(place: tuple[float, float], x: tuple[float, float], y: tuple[float, float], log: bool = False) -> Panel:
+    return Panel(*place, 238.0, 126.0, x, y, log_x=log, log_y=log)
 
 
 def _binned(
-    ax: Axes, table: Mapping[str, NDArray], factor: float, xlabel: str, title: str, marks: bool = False
-) -> None:
+    place: tuple[float, float],
+    table: Mapping[str, NDArray],
+    factor: float,
+    label: str,
+    title: str,
+    marks: bool = False,
+) -> Panel:
     edges, mean = table["edges"] / factor, table["mean"]
     rms, se, count = table["rms"], table["mean_se"], table["count"]
     centre = (edges[1:] + edges[:-1]) / 2
     good = (count >= 8) & np.isfinite(rms)  # fewer have no error bar worth the name
-    ax.axhline(0, color=style.GREY, lw=0.8)
-    ax.axhline(1, color=style.GREY, lw=0.8, ls=":")
-    ax.vlines(centre[good], (mean - 2 * se)[good], (mean + 2 * se)[good], color=style.BLUE, lw=1.0)
-    style.dots(ax, centre[good], mean[good], 3.0, style.BLUE)
-    if marks:
-        ax.plot(
-            centre[good], rms[good], color=style.VERMILLION, ls="--", lw=0.9, marker="s", ms=3, mfc="white", mew=0.9
-        )
-    else:
-        ax.plot(centre[good], rms[good], color=style.VERMILLION, ls="--", lw=1.1)
     largest = float(np.max(np.concatenate([(np.abs(mean) + 2 * se)[good], rms[good], [1.0]]))) if good.any() else 1.0
     smallest = float(np.min((mean - 2 * se)[good])) if good.any() else 0.0
-    ax.set_ylim(min(-0.35, 1.15 * smallest), max(1.35, 1.15 * largest))
-    if np.isfinite(edges).all():
-        pad = 0.02 * float(edges[-1] - edges[0])
-        ax.set_xlim(edges[0] - pad, edges[-1] + pad)
-    ax.set_xlabel(xlabel, labelpad=2)
-    ax.set_ylabel("residual / sd")
-    ax.set_title(f"{title}: mean and RMS (dashed)", loc="left")
+    panel = _small(
+        place, svg_sheet.limits_of(edges, pad=0.02), (min(-0.35, 1.15 * smallest), max(1.35, 1.15 * largest))
+    )
+    panel.level(0.0)
+    panel.level(1.0, dash="1.5 2.5")
+    panel.bars(centre[good], (mean - 2 * se)[good], (mean + 2 * se)[good], style.BLUE)
+    panel.dots(centre[good], mean[good], 4.0, style.BLUE)
+    panel.line(centre[good], rms[good], style.VERMILLION, 1.4, "5 3")
+    if marks:
+        panel.squares(centre[good], rms[good])
+    panel.x_axis(label)
+    panel.y_axis("residual / sd")
+    panel.title(f"{title}: mean and RMS (dashed)")
+    return panel
 
 
-def _spectrum(ax: Axes, r: RecordingData) -> None:
+def _spectrum(place: tuple[float, float], r: RecordingData) -> Panel:
     f, density = r.spectrum.get("frequency_Hz", np.empty(0)), r.spectrum.get("density", np.empty(0))
     white = float(r.spectrum["white"][0]) if r.spectrum.get("white", np.empty(0)).size else float("nan")
-    ax.set_title("spectrum over that of white noise", loc="left")
-    ax.set_xlabel("frequency / Hz", labelpad=2)
-    if f.size < 2 or not white > 0:
-        ax.text(0.5, 0.5, "too few samples for a spectrum", ha="center", transform=ax.transAxes)
-        ax.set_xticks([])
-        ax.set_yticks([])
-        return
-    ratio = density / white
-    style.set_log_x(ax, float(f[0]), float(f[-1]), 6)
-    ax.set_yscale("log")
-    ax.axhline(1, color=style.GREY, lw=0.9, ls=":")
-    ax.plot(f, ratio, color=style.BLUE, lw=1.1)
+    ratio = density / white if white > 0 else np.empty(0)
     positive = ratio[ratio > 0]
-    low, high = min(0.3, 0.8 * float(positive.min())), max(3.0, 1.25 * float(positive.max()))
-    ax.set_ylim(max(low, 1e-6), high)
-    ticks = style.log_ticks(max(low, 1e-6), high, 4)
-    ax.set_yticks(ticks, [style.tick_text(t) for t in ticks])
-    ax.minorticks_off()
-    ax.set_ylabel("ratio")
+    if f.size < 2 or not positive.size:
+        panel = _small(place, (0.0, 1.0), (0.0, 1.0))
+        panel.x_axis("frequency / Hz", [])
+        panel.y_axis("", [])
+        panel.message("too few samples for a spectrum")
+    else:
+        low, high = max(min(0.3, 0.8 * float(positive.min())), 1e-6), max(3.0, 1.25 * float(positive.max()))
+        panel = _small(place, (float(f[0]), float(f[-1])), (low, high), log=True)
+        panel.level(1.0, dash="1.5 2.5")
+        panel.line(f[ratio > 0], positive, style.BLUE, 1.4)
+        panel.x_axis("frequency / Hz")
+        panel.y_axis("ratio")
+    panel.title("spectrum over that of white noise")
+    return panel
 
 
-def _pit(ax: Axes, r: RecordingData) -> None:
-    counts = r.pit_histogram
-    p = r.entry.get("pit_p_value")
-    ax.set_title("PIT histogram" + (f", p = {digits.significant(p, 2)}" if digits.is_number(p) else ""), loc="left")
-    ax.set_xlabel("predicted cumulative probability", labelpad=2)
-    ax.set_ylabel("density")
-    ax.set_xlim(0, 1)
-    if not counts.sum() > 0:
-        return
-    height = counts / counts.mean()
-    ax.stairs(height, np.linspace(0, 1, len(counts) + 1), fill=True, color=style.BAND_50)
-    ax.stairs(height, np.linspace(0, 1, len(counts) + 1), color=style.BLUE, lw=0.9)
-    ax.axhline(1, color=style.BLACK, lw=0.9, ls=":")
-    ax.set_ylim(0, max(1.5, 1.1 * float(height.max())))
+def _pit(place: tuple[float, float], r: RecordingData) -> Panel:
+    counts, p = r.pit_histogram, r.entry.get("pit_p_value")
+    height = counts / counts.mean() if counts.sum() > 0 else np.empty(0)
+    panel = _small(place, (0.0, 1.0), (0.0, max(1.5, 1.1 * float(height.max())) if height.size else 1.5))
+    if height.size:
+        panel.stairs(np.linspace(0, 1, height.size + 1), height, style.BAND_50, style.BLUE)
+        panel.level(1.0, style.BLACK, 1.2, "1.5 2.5")
+    panel.x_axis("predicted cumulative probability")
+    panel.y_axis("density")
+    panel.title("PIT histogram" + (f", p = {digits.significant(p, 2)}" if digits.is_number(p) else ""))
+    return panel
 
 
 def _largest_mean(table: Mapping[str, NDArray]) -> str:

@@ -1,4 +1,4 @@
-"""report.html of a calibration: one file, no network, no scripts needed."""
+"""report.html of a calibration: one file, no network; it reads without scripts too, and zooms with them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from .. import __version__
 from ..results import write_atomic
 from ..store import REPORT_FILE
-from . import digits, figures_parameters, figures_recordings, tables
+from . import digits, figures_parameters, figures_recordings, live_plot, tables
 from .data import RecordingData, ResultData, read_result
 from .style import Picture, looks
 from .verdict import verdict
@@ -26,20 +26,23 @@ class RecordingView:
     row: tables.RecordingRow
     fit: Picture
     residuals: Picture
+    live: live_plot.Live | None = None
 
 
-def write_report(folder: Path) -> Path:
+def write_report(folder: Path, interactive: bool = True) -> Path:
     """Draw report.html from calibration.json and posterior.nc in `folder` and return its path.
 
+    interactive: measured against predicted can be zoomed to single samples; without, the page holds pictures alone
+    and no script (for a page that is kept in a repository, or sent where scripts are not let through).
     The file is replaced whole or not at all. Raises InputError when a file is missing, broken or of another run.
     """
-    html = render(read_result(Path(folder)))
+    html = render(read_result(Path(folder)), interactive)
     path = Path(folder) / REPORT_FILE
     write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
     return path
 
 
-def render(data: ResultData) -> str:
+def render(data: ResultData, interactive: bool = True) -> str:
     """The page as HTML."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -51,16 +54,16 @@ def render(data: ResultData) -> str:
         lstrip_blocks=True,
     )
     environment.filters["breakable"] = tables.breakable
-    return environment.get_template(_TEMPLATE).render(context(data))
+    return environment.get_template(_TEMPLATE).render(context(data, interactive))
 
 
-def context(data: ResultData) -> dict[str, Any]:
+def context(data: ResultData, interactive: bool = True) -> dict[str, Any]:
     """Everything the template shows."""
     s = data.summary
     meta = s.get("meta") or {}
     rows = tables.recording_rows(s)
     with looks():
-        views = [_view(r, row) for r, row in zip(data.recordings, rows, strict=True)]
+        views = [_view(r, row, interactive) for r, row in zip(data.recordings, rows, strict=True)]
         pictures = {
             "densities": figures_parameters.density_picture(data),
             "corner": figures_parameters.corner_picture(data),
@@ -103,11 +106,27 @@ def context(data: ResultData) -> dict[str, Any]:
         "map_log_posterior": digits.fixed(s.get("map_log_posterior"), 1),
         "phases": tables.phase_rows(s),
         "seconds": digits.significant(s.get("seconds"), 3),
+        **_scripts(views),
     }
 
 
-def _view(r: RecordingData, row: tables.RecordingRow) -> RecordingView:
-    return RecordingView(row, figures_recordings.fit_picture(r), figures_recordings.residual_picture(r))
+def _view(r: RecordingData, row: tables.RecordingRow, interactive: bool) -> RecordingView:
+    live = live_plot.live_of(r) if interactive else None
+    return RecordingView(row, figures_recordings.fit_picture(r), figures_recordings.residual_picture(r), live)
+
+
+def _scripts(views: list[RecordingView]) -> dict[str, Any]:
+    """Bokeh and the layout, where a recording can be zoomed."""
+    if not any(v.live for v in views):
+        return {"interactive": False}
+    import bokeh
+
+    return {
+        "interactive": True,
+        "bokeh": live_plot.bokeh_script(),
+        "bokeh_version": bokeh.__version__,
+        "layout": live_plot.layout_json(),
+    }
 
 
 def command_of(summary: Mapping[str, Any]) -> str:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
@@ -19,9 +20,20 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's colours, dark and light alternating so that they differ in grey as well
 BLUE, VERMILLION, ORANGE, GREEN, BLACK, GREY = "#0072B2", "#D55E00", "#E69F00", "#009E73", "#1a1a1a", "#8a8a8a"
+PRIOR, PRIOR_AREA = "#c78a00", "#f7e3bd"
 BAND_90, BAND_50 = "#d9eaf5", "#a6cde6"
+#: what lies over something else: the same two bands as blue that lets through, the inner one upon the outer one
+ALPHA_90, ALPHA_50 = 0.15, 0.235
+BAR = "#c2c2c2"  # from the lowest to the highest of several samples
 #: ensembles: colour and line style both differ
-CHAIN_STYLES = ((BLUE, "-"), (VERMILLION, "--"), (GREEN, "-."), (ORANGE, ":"), (BLACK, "-"), (GREY, "--"))
+CHAIN_STYLES: tuple[tuple[str, Any], ...] = (
+    (BLUE, "-"),
+    (VERMILLION, "--"),
+    (GREEN, "-."),
+    (ORANGE, ":"),
+    (BLACK, "-"),
+    (GREY, (0, (6, 1, 1, 1, 1, 1))),
+)
 WIDTH_IN = 6.7  # 640 CSS pixels: shown at its own size from the narrowest screen on
 
 _RC: dict[str, Any] = {
@@ -60,7 +72,7 @@ _RC: dict[str, Any] = {
 class Picture:
     """One picture of the page: source for an image tag, caption, words for who cannot see it, size in CSS pixels."""
 
-    source: str
+    source: Markup  # as it stands in the attribute
     caption: str
     alt: str
     width: int
@@ -93,12 +105,30 @@ def picture(figure: Figure, caption: str, alt: str) -> Picture:
     # a tenth of a point is finer than a screen shows; it halves the page
     text = re.sub(
         r' d="([^"]+)"',
-        lambda m: ' d="' + re.sub(r"(\.\d)\d+", r"\1", m.group(1)).replace("\n", "") + '"',
+        lambda m: ' d="' + _short_path(m.group(1)) + '"',
         buffer.getvalue(),
     )
     width, height = figure.get_size_inches() * 96
-    source = "data:image/svg+xml;base64," + base64.b64encode(text.encode()).decode()
-    return Picture(source, caption, alt, round(width), round(height))
+    return picture_of(text, round(width), round(height), caption, alt)
+
+
+def picture_of(svg: str, width: int, height: int, caption: str, alt: str) -> Picture:
+    """Embed SVG text, shown in so many CSS pixels."""
+    source = Markup("data:image/svg+xml,") + Markup(quote(_one_line(svg), safe=" =:/,;()+!*@'<>?[]{}|^~`-_."))
+    return Picture(source, caption, alt, width, height)
+
+
+def _one_line(svg: str) -> str:
+    """The picture without prolog and comments, on one line and with single quotes: few signs to escape in a tag."""
+    svg = re.sub(r"<!--.*?-->", "", svg[svg.index("<svg") :], flags=re.S)
+    return re.sub(r">\s+<", "><", svg).replace("\n", " ").replace("'", "&apos;").replace('"', "'")
+
+
+def _short_path(d: str) -> str:
+    """A path in fewer bytes: tenths of a point, no spaces between commands, a dot as a step of no length."""
+    d = re.sub(r"(\.\d)\d+", r"\1", d).replace(".0 ", " ").replace("\n", "")
+    d = re.sub(r"M (\S+ \S+) L \1(?= |$)", r"M\1h0", d)
+    return re.sub(r" ?([MLCQZz]) ?", r"\1", d)
 
 
 def dots(ax: Axes, x: NDArray, y: NDArray, size: float = 2.2, color: str = BLACK, zorder: float = 3) -> None:

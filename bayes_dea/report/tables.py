@@ -248,10 +248,10 @@ def phase_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, float]]:
     return [(_PHASES.get(k, k.replace("_", " ")), digits.significant(v, 2) + " s", v / total) for k, v in by.items()]
 
 
-def input_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """File, size, first digits of its SHA-256, the whole of it."""
+def input_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """File, size, SHA-256."""
     return [
-        (str(i.get("file", "")), _bytes(i.get("size")), str(i.get("sha256", ""))[:12], str(i.get("sha256", "")))
+        (str(i.get("file", "")), _bytes(i.get("size")), str(i.get("sha256", "")))
         for i in summary.get("inputs") or []
     ]
 

@@ -59,7 +59,8 @@ def test_no_campaign(tmp_path, folder):
     ("[sensor.displacement]\nfluctuation_um = 4.7\n" + CREEP, r'"fluctuation_um". Did you mean '
                                                               r'"fluctuation_m"'),
     ("[sensor.displacement]\nfluctuation_m = 0.0\n" + CREEP, "must be positive"),
-    ("[sensor.displacement]\naccuracy_m = -1e-6\n" + CREEP, "must not be below 0"),
+    ("[sensor.displacement]\naccuracy_m = -1e-6\n" + CREEP, "must be positive"),
+    ("[sensor.displacement]\naccuracy_m = 0\n" + CREEP, "accuracy_m = 0 must be positive. Correct it, or leave"),
     ("[ambient]\nrelative_humidity_pct = 130\n" + CREEP, "between 0 and 100"),
     ("[ambient]\ntemperatur_C = 20\n" + CREEP, 'Did you mean "temperature_C"'),
     ('[share]\nparameters = "Y_Pa"\n' + CREEP, "must be a list of names"),
@@ -212,7 +213,7 @@ def test_recordings_at_rest_and_soft_or_stiff_actuators_pass(folder, data, as_cs
     files = {"creep.csv": as_csv(noise), "b.csv": as_csv(quiet)}
     for k, factor in enumerate((0.05, 20.0)):
         files[f"x{k}.csv"] = as_csv(columns | {"displacement_m": columns["displacement_m"] * factor})
-    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "creep"\n' for f in files)
+    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "creep"\nspecimen = "{f[:2]}"\n' for f in files)
     assert len(load_campaign(folder(recordings, {**files})).recordings) == 4
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayes_dea.checks import metrics
+from bayes_dea.page_data import PageData, PageSettings, reduce_recording
 from bayes_dea.predict_recordings import Prediction
 
 Make = Callable[..., Path]
@@ -101,7 +102,22 @@ def _prediction(
         *tables,
         {"frequency_Hz": s.frequency_Hz.tolist(), "density": s.density.tolist(), "white": [s.white]},
         np.histogram(uniform, 20, (0, 1))[0].astype(float).tolist(),
+        _page(t, drive, mean, sigma, chi, rng),
     )
+
+
+def _page(
+    t: np.ndarray, drive: np.ndarray, mean: np.ndarray, sigma: float, chi: float, rng: np.random.Generator
+) -> PageData:
+    """The same curve at an even rate; one of 300 s is kept whole only near its edges."""
+    time = np.arange(t[0], t[-1], np.diff(t).min())
+    level = np.interp(time, t, mean)
+    y = level + chi * sigma * rng.standard_normal(time.size)
+    # a command holds its value, a position is measured on its way
+    held = np.searchsorted(t, time, side="right") - 1
+    u = drive[held] if np.unique(drive).size < 20 else np.interp(time, t, drive)
+    sd = np.full(time.size, 1.005 * sigma)
+    return reduce_recording(time, u, y, level, sd, sigma, settings=PageSettings(samples=8_000, bins=2_500))
 
 
 def entry(p: Prediction) -> dict[str, Any]:

@@ -1,55 +1,69 @@
-"""The page in a real browser: pictures load, text stays in its place, nothing is wider than the page."""
+"""The page in a real browser: scripts run, plots are drawn, zooming shows single samples, text stays in its box."""
 
-import base64
-import json
 import re
 import shutil
-import subprocess
-from html import unescape
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
+import chromium
+import numpy as np
 import pytest
 from report_samples import Make, creep, relaxation, sine
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
+from bayes_dea.packed import unpack
+from bayes_dea.report.data import read_result
+from bayes_dea.report.page import write_report
 
-CATCH = """
-window.failures = [];
-window.addEventListener("error", e => failures.push(String(e.message || e.type)), true);
-"""
+Open = Callable[..., chromium.Page]
 
-LAYOUT = """
-window.addEventListener("load", () => {
-  const page = document.documentElement, out = {errors: window.failures, width: innerWidth, scroll: page.scrollWidth,
-    height: page.scrollHeight, images: [], wide: []};
+LAYOUT = """(() => {
+  const page = document.documentElement, out = {width: innerWidth, scroll: page.scrollWidth, height: page.scrollHeight,
+    images: [], wide: []};
+  const shown = (e) => e.getClientRects().length > 0;
   for (const i of document.images) {
+    if (!shown(i)) continue;
     const box = i.getBoundingClientRect();
     out.images.push([i.alt, i.complete ? i.naturalWidth : 0, box.width, box.height, i.naturalWidth / i.naturalHeight]);
   }
-  for (const s of document.querySelectorAll(".scroll, figure, p, li, pre, dd, h1, h3"))
+  for (const s of document.querySelectorAll(
+      ".scroll, figure, figcaption, p, li, pre, dd, dt, h1, h2, h3, td, th, button, .legend, .controls, .plot, nav"))
     if (s.scrollWidth > s.clientWidth + 1 && s.clientWidth)
       out.wide.push([s.className || s.tagName, s.scrollWidth, s.clientWidth, s.innerText.slice(0, 60)]);
-  const pre = document.createElement("pre"); pre.id = "measured"; pre.textContent = JSON.stringify(out);
-  document.body.append(pre);
-});
-"""
+  return out;
+})()"""
 
-TEXTS = """
-window.addEventListener("load", () => {
+#: draws the viewer number i and tells what is on its canvases
+DRAWN = """(async (i) => {
+  const v = bayesDeaViewers[i];
+  v.box.scrollIntoView();
+  for (let k = 0; k < 200 && !/^Shown/.test(v.said.textContent); k++) await new Promise((r) => setTimeout(r, 50));
+  for (let k = 0; k < 3; k++) await new Promise((r) => requestAnimationFrame(() => setTimeout(r, 60)));
+  const found = [];
+  const deep = (node) => {
+    if (node.tagName === "CANVAS") found.push(node);
+    for (const child of [...(node.shadowRoot ? node.shadowRoot.children : []), ...node.children]) deep(child);
+  };
+  deep(v.target);
+  const canvases = found.map((c) => {
+    const pixels = new Uint32Array(c.getContext("2d").getImageData(0, 0, c.width, c.height).data.buffer);
+    const count = new Map();
+    for (const p of pixels) if (p >>> 24) count.set(p, (count.get(p) || 0) + 1);
+    count.delete(0xffffffff);
+    const counts = [...count.values()];
+    return [counts.reduce((a, b) => a + b, 0), counts.filter((n) => n > 60).length];
+  });
+  const ruler = document.createElement("canvas").getContext("2d");
+  ruler.font = "12px helvetica, sans-serif";
+  const label = (p) => p.left[0].axis_label;
+  const labels = v.plots.map((p) => [label(p), ruler.measureText(label(p)).width, p.inner_height]);
+  return {canvases, labels, width: v.target.getBoundingClientRect().width, said: v.said.textContent};
+})"""
+
+TEXTS = """(() => {
   const out = {outside: [], overlap: [], texts: 0, shapes: []};
-  document.querySelectorAll("svg").forEach((svg, k) => {
+  document.querySelectorAll("body > svg").forEach((svg, k) => {
     const frame = svg.getBoundingClientRect(), placed = [];
     out.shapes.push(svg.querySelectorAll("path").length);
     for (const t of svg.querySelectorAll("text")) {
@@ -67,27 +81,51 @@ window.addEventListener("load", () => {
       placed.push([t.textContent, b]);
     }
   });
-  const pre = document.createElement("pre"); pre.id = "measured"; pre.textContent = JSON.stringify(out);
-  document.body.append(pre);
-});
-"""
+  return out;
+})()"""
 
 
 @pytest.fixture(scope="module")
-def browser() -> str:
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
+    """One browser for all tests of this file."""
+    found = chromium.find()
     if found is None:
-        pytest.skip(f"no browser is installed (looked for {', '.join(BROWSERS)})")
-    return found
+        pytest.skip(f"no browser is installed (looked for {', '.join(chromium.NAMES)})")
+    page = chromium.Page(found, tmp_path_factory.mktemp("profile"), 1400)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def open_page(tab: chromium.Page) -> Open:
+    """Open a file in a window of some width: open_page(path, width, scripts)."""
+
+    def open_page(path: Path, width: int = 1400, scripts: bool = True) -> chromium.Page:
+        tab.call("Emulation.setScriptExecutionDisabled", value=not scripts)
+        tab.call("Emulation.setEmulatedMedia", media="")
+        tab.resize(width, 1000)
+        tab.errors.clear()
+        tab.requests.clear()
+        tab.open(path)
+        return tab
+
+    return open_page
+
+
+def test_the_browser_tells_of_errors(tmp_path: Path, open_page: Open) -> None:
+    path = tmp_path / "bad.html"
+    path.write_text("<script>console.error('said'); setTimeout(() => { throw new Error('thrown') }, 0)</script>"
+                    "<img src='gone.png'>", encoding="utf-8")
+    p = open_page(path)
+    p.wait(0.3)
+    assert any("said" in e for e in p.errors)
+    assert any("thrown" in e for e in p.errors)
+    assert any(r.endswith("gone.png") for r in p.requests)
 
 
 @pytest.fixture(scope="module")
 def page(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A page with long names, a model that misses, an ensemble of many parameters' worth of widths."""
-    import numpy as np
-
-    from bayes_dea.report.page import write_report
-
+    """A page with long names, a model that misses, long words."""
     rng = np.random.default_rng(9)
     long = "2024-11-03_specimen-B_after_conditioning_creep_1000V_300s_repeat-2.csv"
     folder = make_result(
@@ -104,42 +142,11 @@ def page(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(folder)
 
 
-def measure(browser: str, html: str, folder: Path, width: int) -> dict[str, Any]:
-    """What a script added to the page finds in it."""
-    copy = folder / "measured.html"
-    copy.write_text(html, encoding="utf-8")
-    done = subprocess.run(
-        [
-            browser,
-            *FLAGS,
-            f"--user-data-dir={folder / 'profile'}",
-            f"--window-size={width},1000",
-            "--virtual-time-budget=4000",
-            "--dump-dom",
-            copy.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=90,
-        check=False,
-    )
-    found = re.search(r'<pre id="measured">(.*?)</pre>', done.stdout, re.S)
-    assert found, f"the browser gave nothing back: {done.stderr[-500:]}"
-    result: dict[str, Any] = json.loads(unescape(found.group(1)))
-    return result
-
-
-@pytest.mark.parametrize("width", [1400, 700])
-def test_page_in_a_browser(browser: str, page: Path, tmp_path: Path, width: int) -> None:
-    html = page.read_text(encoding="utf-8")
-    html = html.replace("<head>", f"<head><script>{CATCH}</script>")
-    html = html.replace("</body>", f"<script>{LAYOUT}</script></body>")
-    m = measure(browser, html, tmp_path, width)
+def check_layout(m: dict[str, Any], width: int, images: int) -> None:
     assert m["width"] == width
-    assert m["errors"] == []
     assert m["scroll"] <= width
     assert m["wide"] == []
-    assert len(m["images"]) == 11
+    assert len(m["images"]) == images
     for alt, natural, shown, height, ratio in m["images"]:
         assert natural > 300, alt
         assert 300 < shown <= width, alt
@@ -147,12 +154,146 @@ def test_page_in_a_browser(browser: str, page: Path, tmp_path: Path, width: int)
     assert 3000 < m["height"] < 20_000
 
 
-def test_text_stays_in_its_picture(browser: str, page: Path, tmp_path: Path) -> None:
-    sources = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page.read_text(encoding="utf-8"))
-    pictures = [base64.b64decode(s).decode() for s in sources]
-    drawn = [s[s.index("<svg") :] for s in pictures]
-    html = f"<!DOCTYPE html><html><body>{''.join(drawn)}<script>{TEXTS}</script></body></html>"
-    m = measure(browser, html, tmp_path, 1400)
+@pytest.mark.parametrize("width", [1400, 700])
+def test_page_in_a_browser(page: Path, open_page: Open, width: int) -> None:
+    p = open_page(page, width)
+    assert p.run("bayesDeaViewers.length") == 3
+    for i in range(3):
+        drawn = p.run(f"{DRAWN}({i})")
+        assert drawn["said"].startswith("Shown: "), drawn
+        assert 300 < drawn["width"] < width
+        # three plots, of which each has something on a canvas of its own, in several colours
+        full = [(n, colours) for n, colours in drawn["canvases"] if n > 1500]
+        assert len(full) >= 3, drawn["canvases"]
+        assert sum(colours >= 4 for _, colours in full) >= 2, drawn["canvases"]
+        for label, length, room in drawn["labels"]:
+            assert length < room + 30, label
+    # of the eleven pictures three are for print
+    check_layout(p.run(LAYOUT), width, 8)
+    assert p.errors == []
+    assert [r for r in p.requests if not r.startswith(("data:", "blob:"))] == [page.as_uri()]
+
+
+def test_an_edge_is_enlarged_to_single_samples(page: Path, open_page: Open) -> None:
+    data = read_result(page.parent).recordings[0].page
+    assert data is not None
+    kept = unpack(data.packed)
+    assert data.edges_s == pytest.approx((0.51,), abs=0.011)
+    assert data.reach_s == 2.0
+    p = open_page(page)
+    assert "minimum, mean and maximum" in p.run(f"{DRAWN}(0)")["said"]
+    whole = p.run("[bayesDeaViewers[0].range.start, bayesDeaViewers[0].range.end]")
+    assert whole[1] - whole[0] > 120
+    click = "bayesDeaViewers[0].box.querySelector('[data-do={}]').click()"
+    p.run(click.format("after"))
+    p.until("/every sample/.test(bayesDeaViewers[0].said.textContent)")
+    low, high = p.run("[bayesDeaViewers[0].range.start, bayesDeaViewers[0].range.end]")
+    assert low < data.edges_s[0] < high
+    assert high - low < 5
+    times = np.array(p.run("Array.from(bayesDeaViewers[0].sources.dots.data.t)"))
+    values = np.array(p.run("Array.from(bayesDeaViewers[0].sources.dots.data.y)"))
+    inside = (times >= low) & (times <= high)
+    wanted = (kept["s_t"] >= low) & (kept["s_t"] <= high)
+    assert inside.sum() == wanted.sum() > 190
+    np.testing.assert_allclose(times[inside], kept["s_t"][wanted], atol=1e-6)
+    np.testing.assert_allclose(values[inside], 1e6 * kept["s_y"][wanted], atol=1e-6)
+    assert np.diff(times[inside]).max() < 0.0101  # every sample, none left out
+    # the ordinate follows: the edge fills the height
+    y = p.run("[bayesDeaViewers[0].plots[0].y_range.start, bayesDeaViewers[0].plots[0].y_range.end]")
+    assert y[0] < values[inside].min() < values[inside].max() < y[1]
+    assert y[1] - y[0] < 1.3 * np.ptp(values[inside])
+    p.run(click.format("whole"))
+    p.until("/minimum/.test(bayesDeaViewers[0].said.textContent)")
+    assert p.run("[bayesDeaViewers[0].range.start, bayesDeaViewers[0].range.end]") == pytest.approx(whole)
+    # the hold over the logarithm of time
+    p.run(click.format("hold"))
+    p.until("/logarithmic/.test(bayesDeaViewers[0].plots[2].below[0].axis_label)")
+    p.until("bayesDeaViewers[0].sources.dots.data.x.length > 50")
+    x = np.array(p.run("Array.from(bayesDeaViewers[0].sources.dots.data.x)"))
+    t = np.array(p.run("Array.from(bayesDeaViewers[0].sources.dots.data.t)"))
+    np.testing.assert_allclose(x, np.log10(t - p.run("bayesDeaViewers[0].settings.hold")), atol=1e-6)
+    assert p.errors == []
+
+
+def test_dragging_enlarges_and_a_double_click_shows_the_whole(page: Path, open_page: Open) -> None:
+    p = open_page(page)
+    p.run(f"{DRAWN}(1)")
+    box = p.run("(({x, y, width}) => [x, y, width])(bayesDeaViewers[1].target.getBoundingClientRect())")
+    before = p.run("[bayesDeaViewers[1].range.start, bayesDeaViewers[1].range.end]")
+    p.drag(box[0] + 0.5 * box[2], box[0] + 0.6 * box[2], box[1] + 100)
+    p.until(f"bayesDeaViewers[1].range.end - bayesDeaViewers[1].range.start < {0.3 * (before[1] - before[0])}")
+    p.until("/every sample/.test(bayesDeaViewers[1].said.textContent)")
+    for k in (1, 2):
+        for kind in ("mousePressed", "mouseReleased"):
+            p.call("Input.dispatchMouseEvent", type=kind, x=box[0] + 0.5 * box[2], y=box[1] + 100, button="left",
+                   clickCount=k)
+    p.until(f"bayesDeaViewers[1].range.end - bayesDeaViewers[1].range.start > {0.99 * (before[1] - before[0])}")
+    assert p.errors == []
+
+
+def test_moving_about_is_smooth(page: Path, open_page: Open) -> None:
+    p = open_page(page)
+    p.run(f"{DRAWN}(0)")
+    milliseconds = p.run("""(async () => {
+      const v = bayesDeaViewers[0], out = [], [from, to] = v.whole();
+      for (let k = 0; k < 24; k++) {
+        const width = (to - from) * Math.pow(0.8, k), began = performance.now();
+        v.range.setv({start: 0.4 - 0.1 * width, end: 0.4 + 0.9 * width});
+        await new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 0))));
+        out.push(performance.now() - began);
+      }
+      return out;
+    })()""")
+    # two frames and what is drawn in them, without a graphics card; a busy machine is forgiven
+    assert np.median(milliseconds) < 250, milliseconds
+    assert p.errors == []
+
+
+def test_many_plots_are_opened_and_old_ones_closed(make_result: Make, tmp_path: Path, open_page: Open) -> None:
+    rng = np.random.default_rng(4)
+    folder = make_result(tmp_path / "many", [sine(f"{i}.csv", "identify", rng, step_s=0.02) for i in range(11)])
+    p = open_page(write_report(folder))
+    assert p.run("bayesDeaViewers.filter((v) => v.document).length") <= 2  # nothing before it comes into view
+    for i in range(11):
+        p.run(f"{DRAWN}({i})")
+    assert p.run("bayesDeaViewers.filter((v) => v.document).length") <= 8
+    assert p.run("Bokeh.documents.length") <= 8
+    drawn = p.run(f"{DRAWN}(0)")
+    assert sum(n > 1500 for n, _ in drawn["canvases"]) >= 3
+    assert p.errors == []
+
+
+def test_print_and_no_scripts_show_pictures(page: Path, open_page: Open) -> None:
+    p = open_page(page, 1400)
+    p.run(f"{DRAWN}(0)")
+    p.call("Emulation.setEmulatedMedia", media="print")
+    p.resize(794, 1100)
+    assert p.run("[...document.querySelectorAll('.viewer')].every((v) => !v.getClientRects().length)")
+    check_layout(p.run(LAYOUT), 794, 11)
+    pdf = p.pdf(page.parent / "page.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert 4 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 30
+    p = open_page(page, 700, scripts=False)
+    assert p.run("document.documentElement.className") == ""
+    check_layout(p.run(LAYOUT), 700, 11)
+
+
+@pytest.mark.parametrize("width", [1400, 700])
+def test_the_page_without_scripts_of_its_own(page: Path, tmp_path: Path, open_page: Open, width: int) -> None:
+    folder = tmp_path / "static"
+    shutil.copytree(page.parent, folder)
+    p = open_page(write_report(folder, interactive=False), width)
+    check_layout(p.run(LAYOUT), width, 11)
+    assert p.errors == []
+
+
+def test_text_stays_in_its_picture(page: Path, tmp_path: Path, open_page: Open) -> None:
+    sources = re.findall(r'src="data:image/svg\+xml,([^"]+)"', page.read_text(encoding="utf-8"))
+    drawn = [unquote(s) for s in sources]
+    assert len(drawn) == 11
+    path = tmp_path / "pictures.html"
+    path.write_text(f"<!DOCTYPE html><html><meta charset=utf-8><body>{''.join(drawn)}</body></html>", encoding="utf-8")
+    m = open_page(path).run(TEXTS)
     assert m["outside"] == []
     assert m["overlap"] == []
     assert m["texts"] > 150

@@ -1,10 +1,12 @@
 """The page says what the files say, all of it, and nothing else."""
 
-import base64
+import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
 import matplotlib as mpl
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from report_samples import Make, creep, relaxation, sine
 
 from bayes_dea.errors import InputError
+from bayes_dea.page_data import PageSettings, reduce_recording
 from bayes_dea.report import page, tables
 from bayes_dea.report.data import read_result
 from bayes_dea.report.figures_recordings import detail_of, thinned_dots, thinned_line
@@ -42,7 +45,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
 
     @property
@@ -61,8 +64,8 @@ def read(folder: Path) -> Page:
 
 def svg(image: dict[str, str | None]) -> str:
     head, _, body = (image["src"] or "").partition(",")
-    assert head == "data:image/svg+xml;base64"
-    return base64.b64decode(body).decode()
+    assert head == "data:image/svg+xml"
+    return unquote(body)
 
 
 def test_sections_come_in_order_and_tags_are_closed(result: Path) -> None:
@@ -94,7 +97,9 @@ def test_every_recording_has_its_pictures_and_every_picture_a_caption(result: Pa
     for r in read_json(result / "calibration.json")["recordings"]:
         assert sum(alt.startswith(r["recording"]) for alt in alts) == 2
     assert len(alts) == 3 * 2 + 5  # and densities, corner, traces, ranks, prior predictions
-    assert sum(tag == "figcaption" for tag, _ in p.tags) == len(alts)
+    viewers = sum(a.get("class") == "viewer" for _, a in p.tags)
+    assert viewers == 3
+    assert sum(tag == "figcaption" for tag, _ in p.tags) == len(alts) + viewers
     assert all(len(alt) > 20 for alt in alts)
 
 
@@ -123,7 +128,7 @@ def test_all_numbers_of_the_tables_are_there(result: Path) -> None:
         "5\u202f678",
         "1\u202f200.2 ± 0.034",
         "seed 11",
-        "af178aa7c86f",
+        "af178aa7c86f7d98" * 4,
         "1.260 MPa",
         "25.20 MPa",
         "210.0 s",
@@ -164,14 +169,17 @@ def test_no_missing_number_shows_as_a_word(make_result: Make, tmp_path: Path) ->
         assert not re.search(r"\b(nan|None|inf|null|Undefined)\b", text)
 
 
-def test_nothing_comes_from_outside(result: Path) -> None:
-    html = (result / "report.html").read_text(encoding="utf-8")
+def test_nothing_comes_from_outside(result: Path, tmp_path: Path) -> None:
+    shutil.copytree(result, tmp_path, dirs_exist_ok=True)
+    write_report(tmp_path, interactive=False)
+    html = re.sub(r'src="data:[^"]*"', "", (tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "://" not in html
     assert "<script" not in html
     assert "@import" not in html
     assert not re.search(r"\burl\(", html)
-    assert {tag for tag, _ in read(result).tags} & {"link", "iframe", "object", "embed"} == set()
-    for image in read(result).images():
+    assert {tag for tag, _ in read(tmp_path).tags} & {"link", "iframe", "object", "embed"} == set()
+    for image in read(tmp_path).images():
+        assert not re.search(r"\burl\((?!#)|@import|<script", svg(image))
         for reference in re.findall(r'(?:href|src)="([^"]*)"', svg(image)):
             assert reference.startswith(("#", "data:"))
 
@@ -201,11 +209,16 @@ def test_strings_of_the_campaign_are_escaped(make_result: Make, tmp_path: Path) 
         meta={"operator": "<script>alert(1)</script>"},
         inputs=[{"file": bad, "size": 3, "sha256": "ab" * 32}],
     )
-    write_report(folder)
-    html = (folder / "report.html").read_text(encoding="utf-8")
-    assert "<script" not in html
-    assert "<b>x" not in html
-    assert "<i>c" not in html
+    for interactive in (True, False):
+        write_report(folder, interactive=interactive)
+        html = (folder / "report.html").read_text(encoding="utf-8")
+        scripts = [a for tag, a in read(folder).tags if tag == "script"]
+        # two a recording, the layout, Bokeh, ours; none from the campaign
+        assert len(scripts) == (2 * 2 + 3 if interactive else 0)
+        html = re.sub(r"<script.*?</script>", "", re.sub(r'src="data:[^"]*"', "", html), flags=re.S)
+        assert "<b>x" not in html
+        assert "<i>c" not in html
+        assert "<script" not in html
     p = read(folder)
     assert p.open == []
     assert p.text.count("<b>x</b>") >= 5
@@ -233,6 +246,9 @@ def test_forces_are_given_in_newton_against_position(make_result: Make, tmp_path
     assert "met to 20.0 mN RMS" in p.text
     assert "no recording was kept back" in p.text
     fit, residuals = (svg(i) for i in p.images()[1:3])
+    settings = json.loads(re.findall(r'class="settings">(.*?)</script>', (tmp_path / "report.html").read_text())[0])
+    assert (settings["unit"], settings["channel"]) == ("N", "force")
+    assert (settings["input"], settings["inputUnit"], settings["inputFactor"]) == ("position", "mm", 1e-3)
     assert ">force / N<" in fit
     assert ">position / mm<" in residuals
     assert "voltage" not in fit + residuals
@@ -266,8 +282,36 @@ def test_a_page_of_21_recordings_stays_below_8_mb(make_result: Make, tmp_path: P
     size = (folder / "report.html").stat().st_size
     pictures = [len(i["src"] or "") for i in read(folder).images()]
     fine = pictures[3] + pictures[4]  # 10,000 blocks: a wave whose every sample is a block of its own
-    assert fine < 350_000
-    assert size + 20 * fine < 8e6
+    assert fine < 150_000
+    # 720 s at 1 kHz with five edges, the noise of a laser in steps of its resolution
+    t = np.arange(720_000) / 1000
+    u = np.where((t % 60 < 30) & (t < 120) | (t > 120), 1000.0, 0.0)
+    y = 1.5e-7 * np.rint((2e-7 * u + 4.7e-6 * rng.standard_normal(t.size)) / 1.5e-7)
+    long = reduce_recording(t, u, y, 2e-7 * u, np.full(t.size, 4.7e-6), 4.7e-6, 1.5e-7, PageSettings.shared(21))
+    assert long.reach_s == 2.0
+    data = 4 / 3 * len(long.to_bytes())
+    assert 80_000 < data < 150_000
+    assert size + 19 * (fine + data) < 8e6
+
+
+def test_without_samples_and_static_the_page_has_pictures_alone(make_result: Make, tmp_path: Path) -> None:
+    """A result of an older version holds nothing to zoom into; --static asks for none of it."""
+    rng = np.random.default_rng(12)
+    made = creep("a.csv", "identify", rng)
+    old = make_result(tmp_path / "old", [replace(made, page=None)])
+    new = make_result(tmp_path / "new", [made])
+    write_report(old)
+    write_report(new, interactive=False)
+    for folder in (old, new):
+        html = (folder / "report.html").read_text(encoding="utf-8")
+        assert "<script" not in html
+        assert "viewer" not in re.sub("<style>.*?</style>", "", html, flags=re.S)
+        assert "Drag across" not in html
+        assert len(html) < 1_000_000
+    write_report(new)
+    html = (new / "report.html").read_text(encoding="utf-8")
+    assert html.count('class="viewer"') == 1
+    assert "Drag across" in html
 
 
 def test_thinning_keeps_what_stands_out() -> None:
@@ -294,7 +338,7 @@ def test_a_failure_leaves_the_old_page(result: Path, tmp_path: Path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_text", broken)
-    monkeypatch.setattr(page, "render", lambda _: "new")
+    monkeypatch.setattr(page, "render", lambda *_: "new")
     with pytest.raises(Exception, match=r"report\.html: cannot be written: No space left"):
         write_report(folder)
     assert (folder / "report.html").read_bytes() == old

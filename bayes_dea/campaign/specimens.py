@@ -1,0 +1,140 @@
+"""Whether recordings that are said to be of one specimen can be: strokes at the same voltage that are too far apart.
+
+What is compared: two recordings of one specimen and the same geometry, both begun at rest, of the same kind, their
+largest voltages equal within 2 %, and either a held step from rest (the stroke at the same time after it, so that creep
+does not count) or a wave at the same frequency within 10 % (the span of its later half). A gain is common to a sensor,
+offsets drop out of a stroke. What is too far: more than a factor of 1.5 and more than six standard errors of either
+reading. Warmth, rest and softening change a silicone or acrylic film by less between two recordings; another specimen
+that is closer than that cannot be told apart, and nothing is said. Strokes at different voltages are never compared:
+the law between them is what a calibration is to find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayes_dea.campaign.plausibility import dominant_frequency
+from bayes_dea.campaign.schema import Recording, Sensor
+
+_SAME_VOLTAGE, _SAME_FREQUENCY = 0.02, 0.10
+FACTOR = 1.5
+_STANDARD_ERRORS = 6.0
+#: a stroke is read where the step was held at least this many samples
+_LEAST_SAMPLES = 20
+
+
+@dataclass(frozen=True)
+class _Step:
+    """The first long hold of a recording: `rest` is the reading before, (n,) time since the step and displacement."""
+
+    volts: float
+    rest: float
+    time: NDArray[np.float64]
+    reading: NDArray[np.float64]
+
+    def stroke(self, until_s: float) -> float:
+        """Median over the later 40 % of the first `until_s` of the hold, less the reading at rest."""
+        window = (self.time >= 0.6 * until_s) & (self.time <= until_s)
+        return float(np.nanmedian(self.reading[window])) - self.rest
+
+
+def check_specimens(recordings: Sequence[Recording], sensors: Mapping[str, Sensor]) -> list[str]:
+    """A text for the worst pair of each specimen that cannot be one and the same; empty where nothing can be said."""
+    sensor = sensors.get("displacement", Sensor())
+    noise = max(sensor.fluctuation or 0.0, sensor.resolution or 0.0)
+    problems = []
+    candidates = [r for r in recordings if r.is_voltage and r.rested]
+    for specimen in dict.fromkeys(r.specimen for r in candidates):
+        members = [r for r in candidates if r.specimen == specimen]
+        worst: tuple[float, str] = (FACTOR, "")
+        steps = {r.name: _held_step(r) for r in members}
+        waves = {r.name: _frequency(r) if steps[r.name] is None else 0.0 for r in members}
+        for i, b in enumerate(members):
+            for a in members[:i]:
+                found = _compare(a, b, steps, waves, noise)
+                if found is not None and found[0] > worst[0]:
+                    worst = found
+        if worst[1]:
+            problems.append(worst[1])
+    return problems
+
+
+def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], waves: Mapping[str, float],
+             noise: float) -> tuple[float, str] | None:
+    """(factor between the two strokes, text), None where they cannot be compared or agree."""
+    if a.kind != b.kind or a.actuator != b.actuator:
+        return None
+    one, two = steps[a.name], steps[b.name]
+    if one is not None and two is not None:
+        volts = (one.volts, two.volts)
+        until = min(float(one.time[-1]), float(two.time[-1]))
+        strokes = (one.stroke(until), two.stroke(until))
+        what = f"{until:.3g} s after the step"
+    elif waves[a.name] > 0.0 and waves[b.name] > 0.0:
+        if abs(np.log(waves[a.name] / waves[b.name])) > _SAME_FREQUENCY:
+            return None
+        volts = (_largest(a), _largest(b))
+        strokes = (_later_span(a), _later_span(b))
+        what = f"peak to peak at {waves[a.name]:.3g} Hz"
+    else:
+        return None
+    if abs(np.log(volts[0] / volts[1])) > _SAME_VOLTAGE or not np.all(np.isfinite(strokes)):
+        return None
+    small, large = sorted(np.abs(strokes))
+    # the scatter of a median of 20 readings, twice, and that of a baseline
+    error = noise * np.sqrt(2.0 * 1.57 / _LEAST_SAMPLES)
+    if large - FACTOR * small <= _STANDARD_ERRORS * error:
+        return None
+    factor = float(large / max(small, error, 1e-300))
+    return factor, (
+        f'{a.name} and {b.name} are both said to be of specimen "{a.specimen}", but at {volts[0]:.4g} V the stroke is '
+        f"{strokes[0]:.3g} m in the one and {strokes[1]:.3g} m in the other ({what}). If they are two, say so: "
+        f'specimen = "..." on those of the other. If one is damaged or in another unit, take it out or map it.')
+
+
+def _largest(r: Recording) -> float:
+    return float(np.nanmax(np.abs(r.columns["voltage_V"])))
+
+
+def _held_step(r: Recording) -> _Step | None:
+    """The longest hold at the largest voltage that begins from rest within 2 % of its length."""
+    t, v, y = r.time_s, r.columns["voltage_V"], r.columns["displacement_m"]
+    top = _largest(r)
+    if top <= 0.0:
+        return None
+    on = np.abs(v) >= 0.98 * top
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
+    begins, ends = edges[::2], edges[1::2]
+    if begins.size == 0 or begins.size > 1000:
+        return None
+    k = int(np.argmax(t[ends - 1] - t[begins]))
+    begin, end = int(begins[k]), int(ends[k])
+    length = float(t[end - 1] - t[begin])
+    if end - begin < 2 * _LEAST_SAMPLES or length < 0.2 * float(t[-1] - t[0]):
+        return None
+    # the last rows before it at rest, and not a ramp that took its time
+    off = np.flatnonzero(np.abs(v[:begin]) <= 0.02 * top)
+    if off.size < _LEAST_SAMPLES or float(t[begin] - t[off[-1]]) > 0.02 * length:
+        return None
+    rest = y[off[-_LEAST_SAMPLES:]]
+    time, reading = t[begin:end] - t[begin], y[begin:end]
+    if not np.isfinite(rest).any() or np.isfinite(reading).sum() < 2 * _LEAST_SAMPLES:
+        return None
+    return _Step(top, float(np.nanmedian(rest)), time, reading)
+
+
+def _frequency(r: Recording) -> float:
+    return dominant_frequency(r.columns["voltage_V"], float(r.time_s[-1] - r.time_s[0]))
+
+
+def _later_span(r: Recording) -> float:
+    y = r.columns["displacement_m"]
+    y = y[y.size // 2:]
+    if np.isfinite(y).sum() < _LEAST_SAMPLES:
+        return float("nan")
+    low, high = np.nanpercentile(y, [5, 95])
+    return float(high - low)

@@ -1,0 +1,1 @@
+"""The calibrated model as state space, for MATLAB, python-control and whoever reads CSV."""

@@ -1,0 +1,1 @@
+"""Where model and recordings differ, which physics was left out, and the proof that it was."""

@@ -1,0 +1,284 @@
+"""Where simulation and recordings differ: one test over many windows and families at one family-wise error rate.
+
+Whitened residuals of a fit are, under the null, (I - P) z with z standard normal and P the projection on the
+sensitivities of the fit (nuisance of each recording included). Every window is a unit vector w; its statistic is
+|w . e| over its sd. The largest over all windows is compared with the same from draws of z (a fitted bootstrap that
+needs no refit), its tail continued by a Gumbel distribution (statistics of extremes), so that small p-values do not
+need as many draws. Davison & Hinkley 1997, doi:10.1017/CBO9780511802843, ch. 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from .features import HARMONICS, SINCE_EDGE, Features, features
+from .problem import whiten
+from .refit import Fit
+
+Array = NDArray[np.float64]
+
+#: family-wise false-alarm rate at which a mismatch counts as found
+FAMILY_WISE = 0.01
+_DRAWS = 240
+_SMALLEST = 4  # blocks in the shortest window
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Whitened residuals of a fit with what was fitted taken out, piece after piece."""
+
+    e: Array  # (n,)
+    weights: Array  # (n,) root of the samples of a block: a constant offset in whitened coordinates
+    start: NDArray[np.int64]  # (pieces + 1,)
+    raw: list[Array] = field(repr=False)  # residual block means in the unit of the channel
+    basis: Array = field(repr=False)  # (n, p) orthonormal: directions of the fit
+    local: list[Array] = field(repr=False)  # (nb, m) orthonormal: nuisance of each piece
+
+    def project(self, z: Array) -> Array:
+        """(I - P) z for columns z (n, k)."""
+        out = z.copy()
+        for i, N in enumerate(self.local):
+            part = slice(self.start[i], self.start[i + 1])
+            out[part] -= N @ (N.T @ out[part])
+        return out - self.basis @ (self.basis.T @ out)
+
+
+def residuals(fit: Fit) -> Residuals:
+    """Whitened residuals at the maximum of a fit."""
+    whitened, jac, local, raw, weights = [], [], [], [], []
+    for i, piece in enumerate(fit.problem.pieces):
+        columns = fit.problem.columns(i, fit.q, fit.clean, fit.slopes)
+        w = whiten(piece, columns, fit.noise)
+        N = np.linalg.qr(w.nuisance.T)[0]
+        x = w.columns.T - N @ (N.T @ w.columns.T)
+        whitened.append(x[:, 0])
+        jac.append(x[:, 1:])
+        local.append(N)
+        weights.append(np.sqrt(piece.blocks.count))
+        # the offset and mains that the piece's own posterior gives
+        raw.append(columns[0] - w.coupling[:, 0] @ piece.nuisance)
+    J = np.concatenate(jac)
+    norm = np.linalg.norm(J, axis=0)
+    J = J[:, norm > 1e-9 * max(float(norm.max()), 1e-300)] if norm.size else J
+    Q, R = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)) if J.size else (J, np.zeros((0, 0)))
+    Q = Q[:, np.abs(np.diag(R)) > 1e-7] if R.size else Q
+    start = np.concatenate([[0], np.cumsum([x.size for x in whitened])]).astype(np.int64)
+    e = np.concatenate(whitened)
+    out = Residuals(e, np.concatenate(weights), start, raw, Q, local)
+    return Residuals(out.project(e[:, None])[:, 0], out.weights, start, raw, Q, local)
+
+
+@dataclass(frozen=True)
+class Window:
+    """One place looked at."""
+
+    family: str
+    piece: int  # -1: over several recordings
+    what: str
+    t0_s: float
+    t1_s: float
+    key: str
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Result of the search: p-value of the largest statistic, and every window's own."""
+
+    p_value: float
+    largest: float
+    threshold: float  # at the family-wise rate
+    z: Array = field(repr=False)  # (windows,) signed, in the unit of their sd
+    windows: tuple[Window, ...] = field(repr=False)
+    reduced_chi2: float
+    n: int
+
+    @property
+    def detected(self) -> bool:
+        """Whether a mismatch is found at the family-wise rate."""
+        return self.p_value < FAMILY_WISE
+
+
+def scan(fit: Fit, rng: np.random.Generator, looks: list[Features] | None = None, draws: int = _DRAWS) -> Scan:
+    """Search a fit's residuals for a mismatch."""
+    res = residuals(fit)
+    looks = looks or [features(p) for p in fit.problem.pieces]
+    T, windows = _windows(fit, res, looks)
+    # variance of each window under the null: what is left of it after the projection
+    variance = np.asarray(T.multiply(T).sum(axis=1)).ravel()
+    for i, N in enumerate(res.local):
+        part = T[:, res.start[i] : res.start[i + 1]]
+        variance -= np.sum(np.asarray(part @ N) ** 2, axis=1)
+    rest = res.basis.copy()
+    variance -= np.sum(np.asarray(T @ rest) ** 2, axis=1)
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    use = sd > 0.2  # a window that the fit could absorb says nothing
+    scale = np.where(use, 1.0 / np.maximum(sd, 0.2), 0.0)
+    z = np.asarray(T @ res.e).ravel() * scale
+    largest = np.empty(draws)
+    for begin in range(0, draws, 24):
+        k = min(24, draws - begin)
+        noise = res.project(rng.standard_normal((res.e.size, k)))
+        largest[begin : begin + k] = np.max(np.abs(np.asarray(T @ noise)) * scale[:, None], axis=0)
+    # Gumbel by moments in the square, where the tail of a normal maximum is exponential
+    x = largest**2
+    beta = float(np.std(x, ddof=1)) * math.sqrt(6) / math.pi
+    mu = float(np.mean(x)) - 0.5772156649 * beta
+    top = float(np.max(z**2))
+    p = -math.expm1(-math.exp(min((mu - top) / beta, 700.0))) if (mu - top) / beta > -700 else 0.0
+    threshold = math.sqrt(mu - beta * math.log(-math.log1p(-FAMILY_WISE)))
+    dof = res.e.size - res.basis.shape[1] - sum(N.shape[1] for N in res.local)
+    return Scan(max(p, 1e-300), math.sqrt(top), threshold, z, tuple(windows), float(res.e @ res.e) / max(dof, 1),
+                int(res.e.size))  # fmt: skip
+
+
+class _Rows:
+    """Rows of a sparse matrix, each normalised to one."""
+
+    def __init__(self, weights: Array) -> None:
+        self.weights = weights
+        self.index: list[NDArray[np.int64]] = []
+        self.value: list[Array] = []
+        self.windows: list[Window] = []
+
+    def add(self, index: NDArray[np.int64], shape: Array | None, window: Window) -> None:
+        if index.size < _SMALLEST:
+            return
+        v = self.weights[index] * (1.0 if shape is None else shape)
+        norm = float(np.linalg.norm(v))
+        if norm > 0:
+            self.index.append(index)
+            self.value.append(v / norm)
+            self.windows.append(window)
+
+    def matrix(self, n: int) -> csr_matrix:
+        sizes = [i.size for i in self.index]
+        return csr_matrix((np.concatenate(self.value), np.concatenate(self.index),
+                           np.concatenate([[0], np.cumsum(sizes)])), shape=(len(sizes), n))  # fmt: skip
+
+
+def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matrix, list[Window]]:
+    rows = _Rows(res.weights)
+    edge_bins: dict[tuple[str, int, int], list[NDArray[np.int64]]] = {}
+    level_bins: dict[tuple[str, int], list[NDArray[np.int64]]] = {}
+    way_bins: dict[str, list[NDArray[np.int64]]] = {}
+    top = max((float(np.max(f.level)) for p, f in zip(fit.problem.pieces, looks, strict=True)
+               if p.channel == "displacement"), default=1.0)  # fmt: skip
+    for i, (piece, f) in enumerate(zip(fit.problem.pieces, looks, strict=True)):
+        begin, nb = int(res.start[i]), piece.blocks.n
+        t = f.time_s
+        size = _SMALLEST
+        while size <= nb:
+            for a in range(0, nb - size + 1, max(size // 2, 1)):
+                rows.add(np.arange(begin + a, begin + a + size), None,
+                         Window("time", i, "", float(t[a]), float(t[a + size - 1]), ""))  # fmt: skip
+            size *= 2
+        if nb >= 16:
+            x = np.linspace(-1, 1, nb)
+            every = np.arange(begin, begin + nb)
+            rows.add(every, x, Window("trend", i, "a drift over the recording", float(t[0]), float(t[-1]), "drift"))
+        if f.frequency_Hz > 0:
+            inside = np.flatnonzero(np.isfinite(f.phase))
+            for k in range(1, HARMONICS + 1):
+                for name, wave in (("cos", np.cos), ("sin", np.sin)):
+                    rows.add(begin + inside, wave(2 * np.pi * k * f.phase[inside]),
+                             Window("frequency", i, f"harmonic {k} of {f.frequency_Hz:.3g} Hz ({name})",
+                                    float(t[inside[0]]), float(t[inside[-1]]), f"{f.frequency_Hz:.3g}:{k}"))  # fmt: skip
+            for repeat in range(int(f.repetition.max()) + 1):
+                own = np.flatnonzero(f.repetition == repeat)
+                if own.size >= _SMALLEST and repeat < 40:
+                    for name, shape in (("level", None), ("sin", np.sin(2 * np.pi * f.phase[own])),
+                                        ("cos", np.cos(2 * np.pi * f.phase[own]))):  # fmt: skip
+                        rows.add(begin + own, shape, Window("repetition", i, f"period {repeat + 1} ({name})",
+                                                            float(t[own[0]]), float(t[own[-1]]), str(repeat + 1)))  # fmt: skip
+        prefix = piece.channel
+        for rising in (1, -1):
+            for j in range(SINCE_EDGE.size - 1):
+                own = np.flatnonzero((f.since_edge_s >= SINCE_EDGE[j]) & (f.since_edge_s < SINCE_EDGE[j + 1])
+                                     & (np.sign(f.jump) == rising))  # fmt: skip
+                if own.size:
+                    edge_bins.setdefault((prefix, rising, j), []).append(begin + own)
+                    rows.add(begin + own, None, Window(
+                        "edge", i, f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {'rising' if rising > 0 else 'falling'} edges",
+                        float(t[own[0]]), float(t[own[-1]]), f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}"))  # fmt: skip
+        if prefix == "displacement":
+            for j in range(6):
+                own = np.flatnonzero((f.level >= top * j / 6) & (f.level < top * (j + 1) / 6 + (1e-9 if j == 5 else 0)))
+                if own.size:
+                    level_bins.setdefault((prefix, j), []).append(begin + own)
+        for name, chosen in (("up", f.speed > 0.05), ("down", f.speed < -0.05)):
+            own = np.flatnonzero(chosen & np.isinf(f.since_edge_s) | chosen & (f.since_edge_s > 0.01))
+            if own.size:
+                way_bins.setdefault(name, []).append(begin + own)
+                rows.add(begin + own, None, Window("direction", i, f"while the input goes {name}", float(t[own[0]]),
+                                                   float(t[own[-1]]), name))  # fmt: skip
+    for (_prefix, rising, j), parts in edge_bins.items():
+        if len(parts) > 1:
+            word = "rising" if rising > 0 else "falling"
+            rows.add(np.concatenate(parts), None, Window(
+                "edge", -1, f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {word} edges", 0.0, 0.0,
+                f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}"))  # fmt: skip
+    for (_prefix, j), parts in level_bins.items():
+        rows.add(np.concatenate(parts), None, Window("voltage", -1, f"{top * j / 6:.0f}-{top * (j + 1) / 6:.0f} V", 0.0, 0.0,
+                                                     f"{top * (j + 0.5) / 6:.0f}"))  # fmt: skip
+    for name, parts in way_bins.items():
+        rows.add(np.concatenate(parts), None, Window("direction", -1, f"while the input goes {name}", 0.0, 0.0, name))
+    return rows.matrix(res.e.size), rows.windows
+
+
+def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[dict[str, Any]]:
+    """Mismatch intervals: windows in time beyond the threshold, merged, the strongest first (CONTRACT 4)."""
+    hits = [(abs(float(found.z[k])), w) for k, w in enumerate(found.windows)
+            if w.family == "time" and abs(found.z[k]) > found.threshold]  # fmt: skip
+    hits.sort(key=lambda h: (-h[0] / math.sqrt(max(h[1].t1_s - h[1].t0_s, 1e-3)), h[1].t0_s))
+    kept: list[tuple[float, Window]] = []
+    for strength, w in hits:
+        if all(w.piece != other.piece or w.t1_s < other.t0_s or w.t0_s > other.t1_s for _, other in kept):
+            kept.append((strength, w))
+    out = []
+    for strength, w in sorted(kept, key=lambda h: -h[0])[:most]:
+        piece, f = fit.problem.pieces[w.piece], looks[w.piece]
+        inside = (f.time_s >= w.t0_s) & (f.time_s <= w.t1_s)
+        out.append({"recording": piece.name, "t_start_s": w.t0_s, "t_end_s": w.t1_s, "what": _describe(f, inside),
+                    "excess": round(strength, 2)})  # fmt: skip
+    return out
+
+
+def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
+    since = float(np.median(f.since_edge_s[inside]))
+    if since < 0.05:
+        up = np.mean(f.jump[inside] > 0)
+        return "rising edges" if up > 0.7 else "falling edges" if up < 0.3 else "edges"
+    speed = f.speed[inside]
+    if np.mean(speed > 0.02) > 0.8:
+        return "input rising"
+    if np.mean(speed < -0.02) > 0.8:
+        return "input falling"
+    if np.isfinite(f.phase[inside]).mean() > 0.5:
+        return f"during the {f.frequency_Hz:.3g} Hz excitation"
+    if np.isfinite(since):
+        return f"plateau, {since:.3g} s after an edge"
+    return "before the first edge"
+
+
+def excess_by(fit: Fit, found: Scan, looks: list[Features]) -> dict[str, dict[str, float]]:
+    """Largest statistic by recording, frequency and harmonic, voltage, time since an edge, direction, repetition."""
+    names = [p.name for p in fit.problem.pieces]
+    out: dict[str, dict[str, float]] = {k: {} for k in ("recording", "frequency_Hz", "voltage_V", "time_since_edge_s",
+                                                       "direction", "repetition")}  # fmt: skip
+    table = {"frequency": "frequency_Hz", "voltage": "voltage_V", "edge": "time_since_edge_s",
+             "direction": "direction", "repetition": "repetition"}  # fmt: skip
+    for k, w in enumerate(found.windows):
+        z = round(abs(float(found.z[k])), 2)
+        if w.piece >= 0:
+            own = out["recording"]
+            own[names[w.piece]] = max(own.get(names[w.piece], 0.0), z)
+        if w.family in table:
+            group = out[table[w.family]]
+            group[w.key] = max(group.get(w.key, 0.0), z)
+    return out

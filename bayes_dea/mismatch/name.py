@@ -1,0 +1,237 @@
+"""Which physics was left out: probabilities over every hypothesis, "none" and "unknown" among them.
+
+Single effects first; where the best of them is not adequate, a second one (and a third) beside it. "unknown" is a smooth
+discrepancy beside the best named explanation. Prior odds stand in priors/hypotheses.toml.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ..campaign.schema import Campaign
+from ..models.effects import registered_effects
+from ..models.model import Model, build_model
+from ..priors import prior_folder
+from .discrepancy import Discrepancy, basis, discrepancy
+from .features import Features
+from .locate import Scan, scan
+from .noise_prior import NoisePrior
+from .refit import Fit
+from .slow_start import slow_start
+from .weigh import Frame, Screened, Weighed, refine, screen
+
+Array = NDArray[np.float64]
+Report = Callable[[str, float, float, str], None]
+
+NONE, UNKNOWN, MAINS = "none", "unknown", "mains_pickup"
+#: below this p-value of the scan an explanation is not adequate
+ADEQUATE = 1e-3
+#: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
+_REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A weighed hypothesis with its adequacy."""
+
+    weighed: Weighed
+    scan: Scan
+    discrepancy: Discrepancy
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing significant is left in its residuals."""
+        return self.scan.p_value > ADEQUATE
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Probabilities by name, the explanations behind them, and the one with which it all began."""
+
+    none: Explanation
+    best: Explanation  # the best named one, or none
+    weighed: dict[str, Weighed]
+    log_evidence: dict[str, float]
+    log_evidence_se: dict[str, float]
+    probability: dict[str, float]
+    explanations: dict[str, Explanation] = field(repr=False)
+    skipped: dict[str, str] = field(default_factory=dict)
+
+
+def prior_odds() -> dict[str, float]:
+    """Prior odds of the kinds of hypotheses: none, unknown, one effect, two effects (shares of one)."""
+    with (prior_folder() / "hypotheses.toml").open("rb") as file:
+        table = tomllib.load(file)
+    return {k: float(v) for k, v in table["prior_odds"].items()}
+
+
+def candidates(base: Model, campaign: Campaign, channels: set[str]) -> tuple[list[str], dict[str, str]]:
+    """Effects that may be added to the base on these recordings, and why the others may not."""
+    out, skipped = [], {}
+    for name, effect in registered_effects().items():
+        if name in base.spec.effects:
+            skipped[name] = "is in the model already"
+        elif name == MAINS:
+            continue  # part of the noise model of every hypothesis
+        elif "displacement" not in channels and "mechanical" not in effect.acts_on:
+            skipped[name] = "acts on voltage recordings alone, and there are none"
+        elif any(not any(c in r.columns for r in campaign.recordings) for c in effect.needs):
+            skipped[name] = f"needs a column {', '.join(effect.needs)}"
+        else:
+            out.append(name)
+    return out, skipped
+
+
+def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:
+    """The base with effects, in the order of their stages; None where they do not go together."""
+    from ..errors import InputError
+
+    order = list(registered_effects())
+    names = sorted({*base.spec.effects, *effects}, key=order.index)
+    plain = [p for p in base.spec.name.split("+") if p not in base.spec.effects]
+    try:
+        model = build_model("+".join(plain + names))
+    except InputError:
+        return None
+    own = {p.name: p for p in base.parameters}
+    known = {p.name for p in model.parameters}
+    given = {**{k: v for k, v in own.items() if k in known}, **{k: v for k, v in overrides.items() if k in known and k not in own}}
+    return build_model("+".join(plain + names), given)  # type: ignore[arg-type]
+
+
+def explain(weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
+            starts: Sequence[Array] = ()) -> Explanation:
+    """A hypothesis with its adequacy and what a discrepancy would add."""
+    return Explanation(weighed, scan(weighed.fit, rng, looks), discrepancy(weighed.fit, columns, prior, starts))
+
+
+def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[Features], rng: np.random.Generator, *,
+                 resolution_m: float, overrides: Mapping[str, object] | None = None, report: Report | None = None,
+                 most_effects: int = 3) -> Naming:
+    """Weigh all hypotheses on the recordings to identify."""
+    say = report or (lambda *_: None)
+    columns = basis(base, looks)
+    model = base.problem.model
+    frames = _frames(base, looks, prior)
+    none = explain(Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior,
+                   [f.fit.q for f in frames[1:]])
+    names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces})
+    weighed = _singles(base, frames, model, names, prior, overrides or {}, say)
+    explanations = {NONE: none}
+    odds = prior_odds()
+
+    def enough(w: Weighed) -> bool:
+        return w.size_m >= resolution_m
+
+    ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
+    best = none
+    if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
+        say("checking what is left", 0, 1, ranked[0].name)
+        best = explain(ranked[0], looks, columns, rng, prior)
+        explanations[best.weighed.name] = best
+    # more than one effect, where one is not enough
+    for count in range(2, most_effects + 1):
+        if best.adequate and best.discrepancy.gain < 5.0 or len(best.weighed.effects) != count - 1:
+            break
+        if best.weighed.log_evidence < none.weighed.log_evidence:
+            break
+        more = _beside(best.weighed, model, names, prior, overrides or {}, say)
+        weighed.update({w.name: w for w in more})
+        more = [w for w in more if enough(w)]
+        if not more:
+            break
+        top = max(more, key=lambda w: w.log_evidence)
+        if top.log_evidence < best.weighed.log_evidence + 3.0 + math.log(odds["single"] / odds["double"]):
+            break
+        best = explain(top, looks, columns, rng, prior)
+        explanations[best.weighed.name] = best
+    # what explains less than the resolution is not claimed as physics
+    evidence = {NONE: none.weighed.log_evidence}
+    error = {NONE: none.weighed.log_evidence_se}
+    prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
+    singles = max(len(names), 1)
+    for w in weighed.values():
+        if not enough(w):
+            continue
+        evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
+        prior_of[w.name] = odds["single"] / singles if len(w.effects) == 1 else odds["double"] / singles
+    evidence[UNKNOWN] = max(e.weighed.log_evidence + e.discrepancy.gain for e in explanations.values())
+    error[UNKNOWN] = 0.5
+    log_p = {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
+    total = float(logsumexp(list(log_p.values())))
+    probability = {k: math.exp(v - total) for k, v in log_p.items()}
+    probability = _with_adequacy(probability, best)
+    return Naming(none, best, weighed, evidence, error, probability, explanations, skipped)
+
+
+def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:
+    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown all the same."""
+    if best.adequate:
+        return probability
+    left = min(1.0, best.scan.p_value / ADEQUATE) * 0.2
+    named = sum(v for k, v in probability.items() if k != UNKNOWN)
+    if named <= left:
+        return probability
+    out = {k: v * left / named for k, v in probability.items() if k != UNKNOWN}
+    out[UNKNOWN] = 1.0 - left
+    return out
+
+
+def _frames(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
+    """Where the base may be moved along from: its maximum, and its fit to what is slow."""
+    typical = base.q.copy()
+    d = base.problem.model.dimension
+    model = base.problem.model
+    typical[:d] = model.from_prior_coordinates(model.priors.transform(np.full((1, d), 0.5)))[0]
+    slow = slow_start(base, looks, prior, [typical])
+    quiet = prior.start()  # the noise of a wrong model has grown
+    return [Frame(replace(f, noise=quiet)) for f in (base, slow) if f is not None]
+
+
+def _refined(base: Fit, screened: list[Screened], prior: NoisePrior, say: Report, starts: int) -> dict[str, Weighed]:
+    """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing."""
+    out: dict[str, Weighed] = {}
+    best = max((s.gain for s in screened), default=0.0)
+    for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
+        say("refitting", k, len(screened), "+".join(s.effects))
+        promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > best - _NEAR)
+        w = refine(base, s, prior, starts) if promising else None
+        out["+".join(s.effects)] = w or Weighed(s.effects, base, s.log_evidence, 0.5, 0.0)
+    return out
+
+
+def _singles(base: Fit, frames: list[Frame], model: Model, names: list[str], prior: NoisePrior,
+             overrides: Mapping[str, object], say: Report) -> dict[str, Weighed]:
+    """All single effects: a grid for each, a refit for the promising ones."""
+    found = []
+    for k, name in enumerate(names):
+        say("weighing hypotheses", k, len(names), name)
+        m = extended(model, [name], overrides)
+        s = screen(frames, m, (name,)) if m is not None else None
+        if s is not None:
+            found.append(s)
+    return _refined(base, found, prior, say, 2)
+
+
+def _beside(best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report
+            ) -> list[Weighed]:
+    """Every further effect beside the ones found."""
+    frame = Frame(best.fit)
+    found = []
+    rest = [n for n in names if n not in best.effects]
+    order = list(registered_effects())
+    for k, name in enumerate(rest):
+        effects = tuple(sorted((*best.effects, name), key=order.index))
+        say("weighing pairs", k, len(rest), "+".join(effects))
+        m = extended(model, effects, overrides)
+        s = screen([frame], m, effects, sparse=True) if m is not None else None
+        if s is not None:
+            found.append(s)
+    return list(_refined(best.fit, found, prior, say, 1).values())

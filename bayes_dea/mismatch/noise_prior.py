@@ -1,0 +1,75 @@
+"""What quiet stretches say of the noise, as a prior for sigma and rho on block means.
+
+A block mean on a plateau has lost what its samples said of the noise; that is put back here. Without it the noise of
+a wrong model would grow until it excuses the mismatch.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assemble import Assembled
+from .problem import Noise
+
+#: relative accuracy of sigma, absolute one of atanh rho, that quiet stretches are trusted to
+SIGMA_LOG_SD = 0.01
+RHO_SD = 0.015
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """Normal priors of log sigma and atanh rho; sampled in units of their sds."""
+
+    log_sigma: dict[str, tuple[float, float]]  # mean, sd
+    atanh_rho: dict[str, tuple[tuple[float, float], ...]]
+
+    def start(self) -> Noise:
+        """The centre."""
+        return Noise({c: math.exp(m) for c, (m, _) in self.log_sigma.items()},
+                     {c: tuple(math.tanh(m) for m, _ in r) for c, r in self.atanh_rho.items()})  # fmt: skip
+
+    def coordinates(self, noise: Noise, channel: str) -> NDArray[np.float64]:
+        """Distance from the centre in sds."""
+        mean, sd = self.log_sigma[channel]
+        out = [(math.log(noise.sigma[channel]) - mean) / sd]
+        out += [(math.atanh(r) - m) / s for r, (m, s) in zip(noise.rho[channel], self.atanh_rho[channel], strict=True)]
+        return np.array(out)
+
+    def at(self, noise: Noise, channel: str, x: NDArray) -> Noise:
+        """The noise with one channel's moved."""
+        mean, sd = self.log_sigma[channel]
+        rho = tuple(math.tanh(m + s * v) for v, (m, s) in zip(x[1:], self.atanh_rho[channel], strict=True))
+        return Noise({**noise.sigma, channel: math.exp(mean + sd * x[0])}, {**noise.rho, channel: rho})
+
+    def minus_log(self, noise: Noise, channel: str | None = None) -> float:
+        """Minus log prior of the noise, up to a constant that all hypotheses share."""
+        return sum(0.5 * float(np.sum(self.coordinates(noise, c) ** 2))
+                   for c in self.log_sigma if channel in (None, c))  # fmt: skip
+
+
+def noise_prior(assembled: Assembled) -> NoisePrior:
+    """From the quiet stretches of all recordings, pooled by channel and sampling rate."""
+    log_sigma, atanh_rho = {}, {}
+    for c in assembled.posterior.channels:
+        members = [p for p in assembled.prepared if p.channel == c.channel]
+        log_sigma[c.channel] = (math.log(c.sigma_guess), _spread([math.log(p.quiet_sd) for p in members], SIGMA_LOG_SD))
+        rhos = []
+        for j, guess in enumerate(c.rho_guess):
+            own = [math.atanh(float(np.clip(p.quiet_rho, -0.999, 0.999))) for p in members
+                   if c.rates.of(p) == j and np.isfinite(p.quiet_rho)]  # fmt: skip
+            rhos.append((math.atanh(float(np.clip(guess, -0.995, 0.995))), _spread(own, RHO_SD)))
+        atanh_rho[c.channel] = tuple(rhos)
+    return NoisePrior(log_sigma, atanh_rho)
+
+
+def _spread(values: list[float], least: float) -> float:
+    """Robust standard error of their centre, not below `least`."""
+    if len(values) < 3:
+        return 5.0 * least
+    x = np.array(values)
+    mad = 1.4826 * float(np.median(np.abs(x - np.median(x))))
+    return max(least, 1.5 * mad / math.sqrt(len(x)))

@@ -1,0 +1,235 @@
+"""One hypothesis on the reduced campaign: predictions, whitened Gram sums, what is linear eliminated.
+
+Coordinates q, in this order: those of the model, the zeros of position, the gains. Offsets and mains lines belong to
+one recording each and are integrated out of its Gram sums (Woodbury), so that a Gram of residual and Jacobian columns
+is all that a Gauss-Newton step, a score and an evidence need.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assemble import Assembled
+from ..models.model import Model
+from ..models.plant import plant_of
+from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..noise.blocks import block_whiten
+from .reduced import Piece, gain_groups
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """sigma by channel; rho by channel and rate."""
+
+    sigma: Mapping[str, float]
+    rho: Mapping[str, tuple[float, ...]]
+
+    def of(self, piece: Piece) -> tuple[float, float]:
+        """sigma and rho of a piece."""
+        return self.sigma[piece.channel], self.rho[piece.channel][piece.rate]
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Columns of one piece whitened, nuisance columns beside them."""
+
+    columns: Array  # (k, nb)
+    nuisance: Array  # (m, nb)
+    coupling: Array  # (m, k): what elimination takes from the columns: M^-1 B C^T
+    logdet: float  # of the covariance of the block means, nuisance integrated out
+
+    def gram(self) -> Array:
+        """(k, k) Gram of the columns, nuisance integrated out."""
+        cross = self.columns @ self.nuisance.T
+        return self.columns @ self.columns.T - cross @ self.coupling
+
+    def projected(self) -> Array:
+        """Columns (k, nb) without the fitted nuisance."""
+        return self.columns - self.coupling.T @ self.nuisance
+
+
+def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
+    """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""
+    sigma, rho = noise.of(piece)
+    k = len(columns)
+    x, logdet = block_whiten(np.concatenate([columns, piece.nuisance]), piece.blocks.count, sigma, rho,
+                             piece.blocks.gap, piece.white_variance)  # fmt: skip
+    C, B = x[:k], x[k:]
+    M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
+    coupling = np.linalg.solve(M, B @ C.T)
+    logdet += float(np.linalg.slogdet(M)[1] + 2.0 * np.sum(np.log(piece.nuisance_sd)))
+    return Whitened(C, B, coupling, logdet)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A model on pieces, with the priors of what stands beside it."""
+
+    model: Model
+    pieces: tuple[Piece, ...]
+    zero_mean: Array  # (nz,)
+    zero_sd: Array
+    gain_sd: Array  # (ng,)
+    shared: tuple[Array, ...] = ()  # by piece (K, nb): a discrepancy's columns, coefficients N(0, amplitude_m^2)
+    amplitude_m: float = 0.0
+
+    @staticmethod
+    def of(assembled: Assembled, model: Model, pieces: Sequence[Piece]) -> Problem:
+        """The problem of `model` on `pieces` of an assembled campaign."""
+        zeros = assembled.posterior.zeros
+        groups = gain_groups(assembled)
+        gains = []
+        for channel, specimen in groups:
+            terms = [assembled.terms[p.name] for p in assembled.prepared
+                     if p.channel == channel and p.recording.specimen == specimen]  # fmt: skip
+            gains.append(max(max(t.gain_sd for t in terms), 1e-9))
+        return Problem(model, tuple(pieces), np.array([z.mean for z in zeros]), np.array([z.sd for z in zeros]),
+                       np.array(gains))  # fmt: skip
+
+    def with_model(self, model: Model) -> Problem:
+        """The same recordings under another model."""
+        return replace(self, model=model)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates."""
+        return self.model.dimension + self.zero_mean.size + self.gain_sd.size
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return (*self.model.coordinate_names, *(f"zero_{i}" for i in range(self.zero_mean.size)),
+                *(f"gain_{i}" for i in range(self.gain_sd.size)))  # fmt: skip
+
+    def beside(self, q: Array) -> tuple[Array, Array]:
+        """Zeros and gains of coordinates (d,)."""
+        d = self.model.dimension
+        return q[d : d + self.zero_mean.size], q[d + self.zero_mean.size :]
+
+    def log_prior(self, q: Array) -> Array:
+        """(B,) log prior density."""
+        q = np.atleast_2d(q)
+        d, nz = self.model.dimension, self.zero_mean.size
+        out = self.model.log_prior(q[:, :d]) if d else np.zeros(len(q))
+        for x, mean, sd in ((q[:, d : d + nz], self.zero_mean, self.zero_sd), (q[:, d + nz :], 0.0, self.gain_sd)):
+            out = out - 0.5 * np.sum(((x - mean) / sd) ** 2, axis=1)
+            out = out - float(np.sum(np.log(sd * math.sqrt(2 * math.pi))))
+        return out
+
+    # ------------------------------------------------------------ predictions
+    def clean(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
+        """Block means of the model's output for every piece, without gain and offset; nan where it has none."""
+        return [p.means(x) if x.size else x for p, x in zip(self.pieces, self.outputs(q, only), strict=True)]
+
+    def rows(self, q: Array) -> list[Array]:
+        """The same at every row of the recordings (n,)."""
+        return [x if p.nodes is None else np.interp(p.recording.time_s, p.nodes.time_s, x)
+                for p, x in zip(self.pieces, self.outputs(q), strict=True)]  # fmt: skip
+
+    def outputs(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
+        """The model's output at the nodes of voltage recordings and the rows of mechanical ones; empty if not asked."""
+        values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
+        zeros, _ = self.beside(q)
+        out: list[Array] = []
+        plants: dict[int, object] = {}
+        for i, piece in enumerate(self.pieces):
+            if only is not None and i not in only:
+                out.append(np.empty(0))
+                continue
+            actuator = piece.recording.actuator
+            plant = plants.setdefault(id(actuator), plant_of(self.model, values, actuator))
+            if piece.nodes is not None:
+                out.append(simulate_nodes(plant, piece.nodes))  # type: ignore[arg-type]
+            else:
+                assert piece.position is not None
+                zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(piece.position[0])
+                out.append(simulate_plates(plant, piece.recording.time_s, piece.position, zero, piece.contact))  # type: ignore[arg-type]
+        return out
+
+    def steps(self, q: Array) -> Array:
+        """Steps of finite differences (d,): small beside a posterior, large beside rounding."""
+        d = self.model.dimension
+        h = np.full(self.dimension, 1e-4)
+        scale = self.model.priors.scales()
+        for i, name in enumerate(self.model.coordinate_names):
+            if not name.startswith("log "):
+                h[i] = 1e-4 * float(scale[i])
+        h[d : d + self.zero_mean.size] = 1e-7
+        return h
+
+    def jacobian(self, q: Array, base: list[Array], which: Sequence[int] | None = None) -> list[Array]:
+        """Derivatives of `clean` by the model's coordinates and the zeros, per piece (d + nz, nb)."""
+        n = self.model.dimension + self.zero_mean.size
+        chosen = range(n) if which is None else which
+        h = self.steps(q)
+        out = [np.zeros((n, x.size)) for x in base]
+        for j in chosen:
+            only = None
+            if j >= self.model.dimension:  # a zero moves its own recording alone
+                only = [i for i, p in enumerate(self.pieces) if p.zero == j - self.model.dimension]
+            moved = q.copy()
+            moved[j] += h[j]
+            step = h[j]
+            new = self.clean(moved, only)
+            if not all(np.isfinite(x).all() for x in new):
+                moved[j] = q[j] - h[j]
+                step = -h[j]
+                new = self.clean(moved, only)
+            for i, x in enumerate(new):
+                if x.size and np.isfinite(x).all():  # at the edge of what has an answer a coordinate stands still
+                    out[i][j] = (x - base[i]) / step
+        return out
+
+    def gram(self, q: Array, noise: Noise, with_jacobian: bool = True) -> tuple[Array, float, list[Array], list[Array]]:
+        """Gram of [residual, d residual / d q (sign reversed)] over all pieces, a discrepancy integrated out.
+
+        Returns (Gram (1 + d, 1 + d), log det of the covariance, predictions, Jacobians of `clean`).
+        """
+        clean = self.clean(q)
+        slopes = self.jacobian(q, clean) if with_jacobian else []
+        total, logdet = self.sums(q, noise, clean, slopes)
+        return total, logdet, clean, slopes
+
+    def sums(self, q: Array, noise: Noise, clean: list[Array], slopes: list[Array]) -> tuple[Array, float]:
+        """Gram and log det at known predictions."""
+        total, logdet = None, 0.0
+        for i in range(len(self.pieces)):
+            columns = self.columns(i, q, clean, slopes)
+            k = len(columns)
+            if self.shared:
+                columns = np.concatenate([columns, self.shared[i]])
+            w = whiten(self.pieces[i], columns, noise)
+            g = w.gram()
+            total = g if total is None else total + g
+            logdet += w.logdet
+        assert total is not None
+        if self.shared:
+            a = self.amplitude_m
+            A = a * a * total[k:, k:] + np.eye(len(total) - k)
+            C = a * total[k:, :k]
+            factor = np.linalg.cholesky(0.5 * (A + A.T))
+            z = np.linalg.solve(factor, C)
+            total = total[:k, :k] - z.T @ z
+            logdet += 2.0 * float(np.sum(np.log(np.diag(factor))))
+        return total, logdet
+
+    def columns(self, i: int, q: Array, clean: list[Array], slopes: list[Array]) -> Array:
+        """[residual; sensitivities by q] of piece i, not whitened."""
+        _, gains = self.beside(q)
+        piece = self.pieces[i]
+        g = gains[piece.group]
+        parts = [(piece.y - (1 + g) * clean[i])[None]]
+        if slopes:
+            parts.append((1 + g) * slopes[i])
+            by_gain = np.zeros((self.gain_sd.size, clean[i].size))
+            by_gain[piece.group] = clean[i]
+            parts.append(by_gain)
+        return np.concatenate(parts)

@@ -1,0 +1,163 @@
+"""A campaign reduced to block means: what every hypothesis is compared on.
+
+Blocks are single samples after edges and grow to 5 s (`noise.blocks`); the chain is worked out at nodes, every row where
+something moves, and averaged over the rows of a block by a sparse matrix. Block means of AR(1) noise keep their
+exact covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..assemble import Assembled
+from ..forward import POSITION_BLOCKS, imposed_position
+from ..likelihood.linear_group import nuisance_sd
+from ..likelihood.prepare import Prepared
+from ..models.electrostatics import filled_input
+from ..models.nodes import Nodes, make_nodes
+from ..noise.blocks import Blocks, BlockSettings, block_means, log_blocks
+from ..noise.edges import input_noise
+from ..noise.kinks import find_kinks
+
+if TYPE_CHECKING:
+    from ..campaign.schema import Recording
+
+Array = NDArray[np.float64]
+
+#: blocks of a command: finer than for a fit, because a mismatch of time lives within a few samples of an edge
+COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One recording, reduced. Arrays over blocks have nb columns."""
+
+    prepared: Prepared
+    channel: str
+    group: int  # index of its gain
+    rate: int  # index of its rho within the channel
+    blocks: Blocks
+    y: Array = field(repr=False)  # (nb,)
+    nuisance: Array = field(repr=False)  # (m, nb): offset and mains lines
+    nuisance_sd: Array = field(repr=False)  # (m,)
+    white_variance: float = 0.0  # of a sample, beyond sigma: the scatter of the position in a force
+    nodes: Nodes | None = None  # of a voltage recording
+    averaging: csr_matrix | None = field(repr=False, default=None)  # (nb, nodes)
+    position: Array | None = field(repr=False, default=None)  # (n,) of a mechanical recording
+    zero: int = -1  # index of its zero of position
+    contact: int = 1
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+        return self.prepared.name
+
+    @property
+    def recording(self) -> Recording:
+        """The recording itself."""
+        return self.prepared.recording
+
+    @property
+    def identify(self) -> bool:
+        """Whether fits may see it."""
+        return self.recording.role == "identify"
+
+    def means(self, values: Array) -> Array:
+        """Block means (..., nb) of values at the nodes (..., m), or of rows for a mechanical recording."""
+        if self.averaging is None:
+            return block_means(values, self.blocks, ~self.prepared.observed)
+        return np.asarray((self.averaging @ np.atleast_2d(values).T).T).reshape(*values.shape[:-1], self.blocks.n)
+
+
+def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
+    """A piece with some of its blocks only; what lies between counts as a gap."""
+    b = piece.blocks
+    at = np.flatnonzero(keep)
+    gap = np.ones(at.size, dtype=np.int64)
+    gap[1:] = b.start[at[1:]] - b.stop[at[:-1]] + 1
+    blocks = Blocks(b.start[at], b.stop[at], b.count[at], np.maximum(gap, b.gap[at]), b.time_s[at], b.duration_s[at])
+    return replace(piece, blocks=blocks, y=piece.y[at], nuisance=piece.nuisance[:, at],
+                   averaging=None if piece.averaging is None else piece.averaging[at])  # fmt: skip
+
+
+def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
+    """Pieces of every recording that the model can answer, in the campaign's order."""
+    posterior = assembled.posterior
+    groups = gain_groups(assembled)
+    zeros = [z.recording for z in posterior.zeros]
+    channels = {c.channel: c for c in posterior.channels}
+    out = []
+    for p in assembled.prepared:
+        terms = assembled.terms[p.name]
+        group = groups.index((p.channel, p.recording.specimen))
+        rate = channels[p.channel].rates.of(p)
+        sd = nuisance_sd(p, terms)
+        if p.recording.is_voltage:
+            out.append(_voltage_piece(p, group, rate, sd))
+        else:
+            index = zeros.index(p.name) if p.name in zeros else -1
+            out.append(_mechanical_piece(p, group, rate, sd, index))
+    return tuple(out)
+
+
+def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
+    """(channel, specimen) of every gain."""
+    return list(dict.fromkeys((p.channel, p.recording.specimen) for p in assembled.prepared))
+
+
+def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array) -> Piece:
+    u = filled_input(p.recording.columns["voltage_V"])
+    masked = ~p.observed
+    gap = ~np.isfinite(p.y)
+    y = np.where(gap, np.nan, p.y)
+    blocks = log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=y, mask=masked & ~gap)
+    nodes = make_nodes(p.recording)
+    return Piece(
+        p, "displacement", group, rate, blocks,
+        block_means(np.where(masked, 0.0, p.y), blocks, masked),
+        block_means(p.nuisance().T, blocks, masked), sd,
+        nodes=nodes, averaging=_averaging(nodes, p.recording.time_s, blocks, p.observed),
+    )  # fmt: skip
+
+
+def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) -> Piece:
+    position = imposed_position(p.recording)
+    raw = filled_input(p.recording.columns["position_m"])
+    masked = ~p.observed
+    gap = ~np.isfinite(p.y)
+    blocks = log_blocks(p.recording.time_s, raw, POSITION_BLOCKS, y=np.where(gap, np.nan, p.y), mask=masked & ~gap,
+                        kinks=find_kinks(raw))  # fmt: skip
+    force = p.y[p.observed]
+    contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
+    travel = max(float(np.ptp(raw[p.observed])), 1e-9)
+    stiffness = float(np.quantile(force, 0.999) - np.quantile(force, 0.001)) / travel
+    return Piece(
+        p, "force", group, rate, blocks,
+        block_means(np.where(masked, 0.0, p.y), blocks, masked),
+        block_means(p.nuisance().T, blocks, masked), sd,
+        white_variance=(stiffness * input_noise(raw)) ** 2, position=position, zero=zero, contact=contact,
+    )  # fmt: skip
+
+
+def _averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
+    """Straight lines between nodes, averaged over the observed rows of each block."""
+    counts = (blocks.stop - blocks.start).astype(np.int64)
+    block = np.repeat(np.arange(blocks.n), counts)
+    rows = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(blocks.start, counts)
+    keep = observed[rows]
+    block, rows = block[keep], rows[keep]
+    left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
+    t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
+    w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
+    share = 1.0 / np.bincount(block, minlength=blocks.n)[block]
+    data = np.concatenate([(1.0 - w) * share, w * share])
+    matrix = csr_matrix((data, (np.concatenate([block, block]), np.concatenate([left, left + 1]))),
+                        shape=(blocks.n, nodes.row.size))  # fmt: skip
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix

@@ -1,0 +1,202 @@
+"""Refit of a hypothesis by Gauss-Newton, its noise with it, and its evidence by Laplace."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from .noise_prior import NoisePrior
+from .problem import Noise, Problem
+
+Array = NDArray[np.float64]
+_PRIOR_STEP = 1e-3
+#: the noise may move this many sds of its prior: a wrong model must not excuse itself by it
+_NOISE_SDS = 8.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A hypothesis at its maximum.
+
+    objective: minus log posterior density (noise included, not its normalisation by the evidence); hessian (d, d):
+    Gauss-Newton and the prior's curvature; evidence: Laplace; residual columns can be made again from q and noise.
+    """
+
+    problem: Problem
+    q: Array
+    noise: Noise
+    objective: float
+    hessian: Array
+    log_evidence: float
+    at_bound: tuple[str, ...]
+    steps: int
+    clean: list[Array] = field(repr=False)
+    slopes: list[Array] = field(repr=False)
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance of q (d, d)."""
+        return np.linalg.inv(self.hessian)
+
+    def values(self) -> dict[str, float]:
+        """Physical parameters at the maximum."""
+        return {k: float(v[0]) for k, v in self.problem.model.physical(self.q[None, : self.problem.model.dimension]).items()}
+
+
+def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
+    """Minus log prior, its gradient and its Hessian (made positive) by central differences."""
+    d = q.size
+    scale = np.full(d, _PRIOR_STEP)
+    scale[: problem.model.dimension] = _PRIOR_STEP * np.maximum(problem.model.priors.scales(), 1e-12)
+    m = problem.model.dimension
+    scale[m : m + problem.zero_mean.size] = _PRIOR_STEP * problem.zero_sd
+    scale[m + problem.zero_mean.size :] = _PRIOR_STEP * problem.gain_sd
+    points = [q]
+    for i in range(d):
+        for s in (1.0, -1.0):
+            p = q.copy()
+            p[i] += s * scale[i]
+            points.append(p)
+    pairs = [(i, j) for i in range(m) for j in range(i)]
+    for i, j in pairs:
+        for s in (1.0, -1.0):
+            p = q.copy()
+            p[i] += s * scale[i]
+            p[j] += s * scale[j]
+            points.append(p)
+    f = -problem.log_prior(np.array(points))
+    base = f[0]
+    f = np.where(np.isfinite(f), f, base)  # beyond a bound: flat, bounds are kept by the step itself
+    up, down = f[1 : 2 * d + 1 : 2], f[2 : 2 * d + 2 : 2]
+    gradient = (up - down) / (2 * scale)
+    H = np.diag((up + down - 2 * base) / scale**2)
+    both = f[1 + 2 * d :]
+    for n, (i, j) in enumerate(pairs):
+        total = both[2 * n] + both[2 * n + 1] - 2 * base
+        cross = 0.5 * (total / (scale[i] * scale[j]) - H[i, i] * scale[i] / scale[j] - H[j, j] * scale[j] / scale[i])
+        H[i, j] = H[j, i] = cross
+    values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+    return float(base), gradient, (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def bounds(problem: Problem) -> tuple[Array, Array]:
+    """Lower and upper bounds (d,) of the coordinates; infinite where the prior has none."""
+    low, high = np.full(problem.dimension, -np.inf), np.full(problem.dimension, np.inf)
+    for i, p in enumerate(problem.model.priors.free):
+        if p.prior.family in ("uniform", "loguniform"):
+            a, b = (math.log(p.prior.a), math.log(p.prior.b)) if p.prior.is_log else (p.prior.a, p.prior.b)
+            low[i], high[i] = a, b
+    return low, high
+
+
+def refit(problem: Problem, q0: Array, noise: Noise, prior: NoisePrior, *, max_steps: int = 25, tolerance: float = 1e-3,
+          fit_noise: bool = True) -> Fit | None:
+    """Levenberg-Marquardt from q0; the noise is fitted in between. None where the model has no answer at q0."""
+    low, high = bounds(problem)
+    margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
+    q = np.clip(q0, low + margin, high - margin)
+    gram, logdet, clean, slopes = problem.gram(q, noise)
+    if not np.isfinite(gram).all():
+        return None  # no answer there
+    damping, taken = 1e-6, 0
+    base, gradient, curvature = prior_derivatives(problem, q)
+    if not np.isfinite(base):
+        return None
+    for _ in range(max_steps):
+        value = base + 0.5 * gram[0, 0]
+        g = gradient - gram[0, 1:]
+        H = gram[1:, 1:] + curvature
+        improved = False
+        for _attempt in range(8):
+            step = _bounded_step(H, g, damping, q, low + margin, high - margin)
+            expected = -(g @ step + 0.5 * step @ H @ step)
+            if expected < tolerance:
+                break
+            new_q = q + step
+            p = -float(problem.log_prior(new_q)[0])
+            if np.isfinite(p):
+                # the Jacobian is worked out only where the step is taken
+                trial, _, _, _ = problem.gram(new_q, noise, with_jacobian=False)
+                if np.isfinite(trial).all() and p + 0.5 * trial[0, 0] < value:
+                    improved = True
+                    break
+            damping = max(10.0 * damping, 1e-4)
+        if not improved:
+            break
+        gain = value - (p + 0.5 * trial[0, 0])
+        q, damping, taken = new_q, 0.1 * damping, taken + 1
+        gram, logdet, clean, slopes = problem.gram(q, noise)
+        base, gradient, curvature = prior_derivatives(problem, q)
+        if gain < 3 * tolerance:
+            break
+    if fit_noise:
+        noise = fit_noise_terms(problem, q, clean, noise, prior)
+        gram, logdet = problem.sums(q, noise, clean, slopes)
+        H = gram[1:, 1:] + curvature
+        step = _bounded_step(H, gradient - gram[0, 1:], 0.0, q, low + margin, high - margin)
+        if np.isfinite(problem.log_prior(q + step)[0]):
+            new = problem.gram(q + step, noise, with_jacobian=False)[0]
+            p = -float(problem.log_prior(q + step)[0])
+            if p + 0.5 * new[0, 0] < base + 0.5 * gram[0, 0]:
+                q = q + step
+                gram, logdet, clean, slopes = problem.gram(q, noise)
+                base, gradient, curvature = prior_derivatives(problem, q)
+    objective = base + 0.5 * gram[0, 0] + 0.5 * logdet + prior.minus_log(noise)
+    H = gram[1:, 1:] + curvature
+    H = 0.5 * (H + H.T)
+    sign, logdet_h = np.linalg.slogdet(H)
+    evidence = -objective + 0.5 * q.size * math.log(2 * math.pi) - 0.5 * logdet_h if sign > 0 else -math.inf
+    names = problem.names
+    touching = tuple(names[i] for i in range(q.size) if min(q[i] - low[i], high[i] - q[i]) <= 2 * margin[i] + 1e-12
+                     and np.isfinite(margin[i]) and margin[i] > 0)  # fmt: skip
+    return Fit(problem, q, noise, objective, H, float(evidence), touching, taken, clean, slopes)
+
+
+def _bounded_step(H: Array, g: Array, damping: float, q: Array, low: Array, high: Array) -> Array:
+    """Gauss-Newton step with Marquardt damping; coordinates that would leave their bounds stop at them."""
+    d = q.size
+    A = H + damping * np.diag(np.maximum(np.diag(H), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    step = np.zeros(d)
+    free = np.ones(d, dtype=bool)
+    for _ in range(d + 1):
+        step[free] = 0.0
+        rhs = -(g[free] + A[np.ix_(free, ~free)] @ step[~free])
+        s = scale[free]
+        step[free] = s * np.linalg.lstsq((A[np.ix_(free, free)] * s).T * s, s * rhs, rcond=1e-14)[0]
+        new = q + step
+        out = free & ((new < low) | (new > high))
+        if not out.any():
+            break
+        step[out] = np.clip(new, low, high)[out] - q[out]
+        free &= ~out
+    return step
+
+
+def fit_noise_terms(problem: Problem, q: Array, clean: list[Array], start: Noise, prior: NoisePrior) -> Noise:
+    """sigma and rho of every channel at their posterior maximum, given the predictions."""
+    noise = start
+    for channel in start.sigma:
+        if not any(p.channel == channel for p in problem.pieces):
+            continue
+
+        def objective(x: Array, channel: str = channel, noise: Noise = noise) -> float:
+            if np.any(np.abs(x) > _NOISE_SDS):
+                return math.inf
+            trial = prior.at(noise, channel, x)
+            gram, logdet = problem.sums(q, trial, clean, [])
+            return prior.minus_log(trial, channel) + 0.5 * float(gram[0, 0]) + 0.5 * logdet
+
+        x0 = np.clip(prior.coordinates(noise, channel), -_NOISE_SDS + 1, _NOISE_SDS - 1)
+        found = minimize(objective, x0, method="Nelder-Mead",
+                         options={"xatol": 0.05, "fatol": 0.02, "maxfev": 60, "initial_simplex": _simplex(x0)})  # fmt: skip
+        noise = prior.at(noise, channel, found.x)
+    return noise
+
+
+def _simplex(x0: Array) -> Array:
+    return np.concatenate([x0[None], x0 + np.eye(x0.size)])

@@ -1,0 +1,47 @@
+"""What a diagnosis leaves in its folder, and what it prints at its end."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..results import write_bytes, write_json
+from .diagnosis import Diagnosis
+from .pictures import picture_data
+
+DIAGNOSIS_FILE = "diagnosis.json"
+DATA_FILE = "diagnosis.npz"
+REPORT_FILE = "report.html"
+
+
+def save_diagnosis(result: Diagnosis, out: Path) -> Path:
+    """Write diagnosis.json and report.html into a folder; returns it."""
+    from ..report.diagnosis_page import write_diagnosis_page
+
+    out.mkdir(parents=True, exist_ok=True)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **picture_data(result))  # type: ignore[arg-type]
+    write_bytes(out / DATA_FILE, buffer.getvalue())
+    write_json(out / DIAGNOSIS_FILE, result.summary)
+    write_diagnosis_page(out)
+    return out
+
+
+def terminal_summary(summary: dict[str, Any]) -> str:
+    """The verdict in at most 80 columns."""
+    lines = [f"Verdict: {summary['verdict']} (confidence {summary['confidence']:.2f})", ""]
+    lines += textwrap.wrap(summary["statement"], 78)
+    lines.append("")
+    for h in summary["hypotheses"][:5]:
+        numbers = ", ".join(f"{k} {v['mean']:.3g} +- {v['sd']:.2g}" for k, v in list(h["parameters"].items())[:2])
+        lines.append(f"  {h['name'][:34]:<34} {h['probability']:8.2%}  {numbers}"[:80])
+    ask = summary["next_experiment"]
+    if ask.get("recording"):
+        lines += ["", *textwrap.wrap(f"Next experiment: {ask['recording']} {ask['why']}", 78)]
+    for warning in summary["warnings"]:
+        lines += textwrap.wrap(f"Warning: {warning}", 78, subsequent_indent="  ")
+    return "\n".join(lines)

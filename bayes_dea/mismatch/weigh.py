@@ -1,0 +1,282 @@
+"""Every hypothesis weighed: search over its own parameters with the rest eliminated, refit, evidence.
+
+The strength of an effect is looked for on a grid of prior quantiles with the base model moved along linearly (one
+simulation a point), the best points are refitted, and the evidence is Laplace's there; where the posterior of the
+effect's parameters is as wide as the grid (a weak effect, a bound) the average over the grid takes its place, because
+Laplace is wrong at a boundary.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ..models.model import Model
+from .noise_prior import NoisePrior
+from .problem import Problem, Whitened, whiten
+from .refit import Fit, bounds, prior_derivatives, refit
+
+Array = NDArray[np.float64]
+
+#: how far a refit looks around itself, in widths of the prior
+_LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
+#: points a parameter of the grid over prior quantiles, by the number of parameters
+_POINTS = {0: (), 1: (16,), 2: (8, 5), 3: (6, 4, 3), 4: (5, 3, 3, 2)}
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A point of the grid: minus log posterior, the same without the prior of the effect's own parameters."""
+
+    posterior: float
+    likelihood: float
+    own: Array
+    move: Array
+    frame: Frame
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A hypothesis with its evidence. effects: () for the base alone."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    log_evidence: float
+    log_evidence_se: float
+    size_m: float  # largest RMS of what the effect changes on a recording, everything else refitted
+
+    @property
+    def name(self) -> str:
+        """Effects joined with +, or none."""
+        return "+".join(self.effects) or "none"
+
+
+class Frame:
+    """A fit's sensitivities, whitened once, so that another prediction costs one column."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
+        self.whitened: list[Whitened] = []
+        total = None
+        for i, piece in enumerate(fit.problem.pieces):
+            w = whiten(piece, fit.problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise)
+            self.whitened.append(w)
+            g = w.gram()
+            total = g if total is None else total + g
+        assert total is not None
+        self.total = total
+        base, gradient, curvature = prior_derivatives(fit.problem, fit.q)
+        self.prior, self.gradient = base, gradient
+        self.H = total[1:, 1:] + curvature
+        self.Hinv = np.linalg.inv(0.5 * (self.H + self.H.T))
+
+    def value(self, clean: list[Array]) -> tuple[float, Array]:
+        """Minus log posterior (without log det terms) of other predictions, base moved along; and the move (d,)."""
+        rr, cross = 0.0, -self.gradient.copy()
+        _, gains = self.fit.problem.beside(self.fit.q)
+        for piece, w, x in zip(self.fit.problem.pieces, self.whitened, clean, strict=True):
+            r = piece.y - (1 + gains[piece.group]) * x
+            one = whiten_one(piece, r, self.fit)
+            rr += float(one @ one)
+            b = w.nuisance @ one
+            # M^-1 B r, with the factor kept in the columns' coupling replaced by a solve on few rows
+            M = w.nuisance @ w.nuisance.T + np.diag(1.0 / piece.nuisance_sd**2)
+            mb = np.linalg.solve(M, b)
+            rr -= float(b @ mb)
+            cross += w.columns[1:] @ one - (w.columns[1:] @ w.nuisance.T) @ mb
+        move = self.Hinv @ cross
+        return self.prior + 0.5 * rr - 0.5 * float(cross @ move), move
+
+
+def whiten_one(piece: object, r: Array, fit: Fit) -> Array:
+    """Whitened column (nb,) of a piece."""
+    from ..noise.blocks import block_whiten
+
+    sigma, rho = fit.noise.of(piece)  # type: ignore[arg-type]
+    out, _ = block_whiten(r, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)  # type: ignore[attr-defined]
+    return out
+
+
+def insert(base: Fit, model: Model, own: Array, move: Array | None = None) -> Array:
+    """Coordinates of a hypothesis: those of the base (moved), the effect's own where the model has them."""
+    q = base.q if move is None else base.q + move
+    before = base.problem.model
+    out = np.empty(model.dimension)
+    out[own_index(base, model)] = own
+    names = model.priors.names
+    for i, name in enumerate(before.priors.names):
+        out[names.index(name)] = q[i]
+    return np.concatenate([out, q[before.dimension :]])
+
+
+def own_index(base: Fit, model: Model) -> NDArray[np.int64]:
+    """Positions of the parameters that the effects add."""
+    known = set(base.problem.model.priors.names)
+    return np.array([i for i, n in enumerate(model.priors.names) if n not in known], dtype=np.int64)
+
+
+def grid_points(model: Model, index: NDArray[np.int64], values: dict[str, float], sparse: bool = False) -> list[Array]:
+    """Points of the effects' own coordinates at prior quantiles; `values` of what they are relative to."""
+    count = index.size
+    if count == 0:
+        return [np.zeros(0)]
+    shape = _POINTS.get(count, (2,) * count)
+    if sparse:
+        shape = tuple(max(2, s // 2) for s in shape)
+    axes = []
+    for p, s in zip([model.priors.free[i] for i in index], shape, strict=True):
+        shift = math.log(values[p.prior.relative_to]) if p.prior.relative_to else 0.0
+        axes.append([float(p.prior.ppf(np.array([(j + 0.5) / s]), shift)[0]) for j in range(s)])
+    return [np.array(point) for point in itertools.product(*axes)]
+
+
+@dataclass(frozen=True)
+class Screened:
+    """A hypothesis on its grid: every point scored with the base moved along linearly."""
+
+    effects: tuple[str, ...]
+    model: Model
+    points: tuple[Scored, ...]  # best first
+    log_evidence: float  # average over the grid
+    base_objective: float  # of the base on the same scale as the points
+
+    @property
+    def gain(self) -> float:
+        """Nats by which the best point beats the base."""
+        return self.base_objective - self.points[0].posterior
+
+
+def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], sparse: bool = False) -> Screened | None:
+    """Score a grid over the effect's own parameters. None where it has no answer on these recordings.
+
+    frames: the base fit, and others from which the base may be moved along (see `slow_start`).
+    """
+    base = frames[0].fit
+    problem = base.problem.with_model(model)
+    index = own_index(base, model)
+    d = base.problem.model.dimension
+    scored: list[Scored] = []
+    main: list[float] = []
+    for frame in frames:
+        own_fit = frame.fit
+        before = float(own_fit.problem.model.log_prior(own_fit.q[None, :d])[0])
+        for own in grid_points(model, index, own_fit.values(), sparse):
+            q = insert(own_fit, model, own)
+            own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
+            if not np.isfinite(own_prior):
+                continue
+            clean = problem.clean(q)
+            if not all(np.isfinite(x).all() for x in clean):
+                continue
+            value, move = frame.value(clean)
+            if not np.isfinite(value):
+                continue
+            scored.append(Scored(value - own_prior, value, own, move, frame))
+            if frame is frames[0]:
+                main.append(-value)
+    if not scored:
+        return None
+    scored.sort(key=lambda s: s.posterior)
+    base_value = frames[0].value(base.clean)[0]
+    # Laplace of the base beside each point; the noise's share is the base's
+    constant = base.log_evidence + base_value
+    grid = float(logsumexp(main) - math.log(len(main))) + constant if main else -math.inf
+    return Screened(effects, model, tuple(scored), grid, base_value)
+
+
+def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) -> Weighed | None:
+    """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide."""
+    model = screened.model
+    problem = base.problem.with_model(model)
+    best: Fit | None = None
+    for point in _starting_points(screened, starts):
+        for shift in (point.move, None):
+            found = refit(problem, insert(point.frame.fit, model, point.own, shift), prior.start(), prior)
+            if found is not None:
+                break
+        if found is not None and (best is None or found.objective < best.objective):
+            best = found
+    if best is None:
+        return None
+    best = _escape(best, own_index(base, model), prior)
+    evidence, se = _evidence(base, screened, best)
+    return Weighed(screened.effects, best, evidence, se, effect_size(base, best))
+
+
+def _escape(fit: Fit, index: NDArray[np.int64], prior: NoisePrior) -> Fit:
+    """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step, a limit at others."""
+    widths = fit.problem.model.priors.scales()
+    for _ in range(3):
+        frame = Frame(fit)
+        here = frame.value(fit.clean)[0]
+        low, high = bounds(fit.problem)
+        best: tuple[float, Array] | None = None
+        for i in index:
+            for share in _LOOKS:
+                q = fit.q.copy()
+                q[i] = np.clip(q[i] + share * widths[i], low[i] + 1e-9, high[i] - 1e-9)
+                own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
+                clean = fit.problem.clean(q)
+                if not np.isfinite(own_prior) or not all(np.isfinite(x).all() for x in clean):
+                    continue
+                value, move = frame.value(clean)
+                move = move.copy()
+                move[i] = 0.0
+                if value - own_prior < here - 2.0 and (best is None or value - own_prior < best[0]):
+                    best = (value - own_prior, q + move)
+        if best is None:
+            return fit
+        again = refit(fit.problem, best[1], fit.noise, prior)
+        if again is None or again.objective > fit.objective - 0.5:
+            return fit
+        fit = again
+    return fit
+
+
+def _starting_points(screened: Screened, starts: int) -> list[Scored]:
+    """The best point of every frame, then the best of the rest."""
+    out: list[Scored] = []
+    for point in screened.points:
+        if all(point.frame is not p.frame for p in out):
+            out.append(point)
+    for point in screened.points:
+        if len(out) >= starts:
+            break
+        if all(point is not p for p in out):
+            out.append(point)
+    return out
+
+
+def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
+    """Laplace where the posterior of the effect's own coordinates is narrow and inside, else the grid's average."""
+    model = screened.model
+    index = own_index(base, model)
+    priors = [model.priors.free[i].prior for i in index]
+    sd = np.sqrt(np.maximum(np.diag(best.covariance)[index], 0.0))
+    width = np.array([p.coordinate_sd() for p in priors])
+    inside = not any(model.coordinate_names[i] in best.at_bound for i in index)
+    if inside and np.all(sd < 0.12 * width):
+        return best.log_evidence, 0.1
+    if inside and np.all(sd < 0.5 * width):  # a peak between the points is what Laplace sees and the grid does not
+        return max(best.log_evidence, screened.log_evidence), 0.5
+    return screened.log_evidence, 0.5
+
+
+def effect_size(base: Fit, fit: Fit) -> float:
+    """Largest RMS in m over voltage recordings of the difference between two fits, offsets removed; N by 13 kN/m."""
+    worst = 0.0
+    for i, piece in enumerate(fit.problem.pieces):
+        _, g0 = base.problem.beside(base.q)
+        _, g1 = fit.problem.beside(fit.q)
+        x = (1 + g1[piece.group]) * fit.clean[i] - (1 + g0[piece.group]) * base.clean[i]
+        w = piece.blocks.count / piece.blocks.count.sum()
+        x = x - w @ x
+        rms = math.sqrt(float(w @ x**2))
+        worst = max(worst, rms if piece.channel == "displacement" else rms / 13e3)
+    return worst

@@ -1,0 +1,143 @@
+"""The rows of a recording at which the chain of stages is worked out.
+
+Between two changes of a held command everything is smooth and slows down like the logarithm of time. It is enough to
+know it at a row a few per cent further on, because the stages are integrated with exponentials that are exact for a
+held input, whatever the length of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign.schema import Recording
+from .electrostatics import filled_input
+from .lags import even_step
+
+#: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
+_STEP_GRID = 1.2
+#: first step of a rest between recordings (s), and the factor by which the following ones end later
+_REST_FIRST_S, _REST_GROWTH = 1e-4, 1.1
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """A subset of a recording's rows, the first and the last among them.
+
+    time_s (m,) s; volts (m,) V, what was commanded during the interval that ends at the row (for hold = "linear" the
+    command at the row); row (m,) index of the row; n: rows of the recording; hold: convention of the recording;
+    temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven.
+    """
+
+    time_s: NDArray[np.float64]
+    volts: NDArray[np.float64]
+    row: NDArray[np.int64]
+    n: int
+    hold: str = "end"
+    temperature_C: NDArray[np.float64] | None = None
+    step_s: float = 0.0
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return int(self.row.size)
+
+    def durations(self) -> NDArray[np.float64]:
+        """Time from the node before to each node (m,) s, zero for the first one."""
+        if self.step_s > 0:
+            # whole rows, so that equal steps are equal to the last digit
+            return self.step_s * np.diff(self.row, prepend=self.row[:1]).astype(float)
+        return np.diff(self.time_s, prepend=self.time_s[:1])
+
+
+def make_nodes(
+    recording: Recording,
+    *,
+    every_row: bool = False,
+    fine_s: float = 0.3,
+    growth: float = 0.025,
+    cap_s: float = 1.0,
+    extra_rows: NDArray[np.int64] | tuple[int, ...] = (),
+) -> Nodes:
+    """Nodes of a recording with a `voltage_V` column.
+
+    Every row where the command changes, the row before it, and all rows for `fine_s` (s) after it; on stretches of
+    constant command the spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a
+    step have the command of the node at its end. extra_rows: further rows to include.
+    """
+    time_s = np.asarray(recording.time_s, float)
+    n = time_s.size
+    volts = filled_input(np.asarray(recording.columns["voltage_V"], float))
+    if recording.hold == "start":
+        # what acts until a row is the command of the row before; before the first one nothing did
+        volts = np.concatenate([[0.0], volts[:-1]])
+    step = even_step(time_s)
+    if every_row:
+        keep = np.ones(n, dtype=bool)
+    else:
+        keep = _coarse(time_s, volts, step, fine_s, growth, cap_s)
+        keep[np.asarray(extra_rows, dtype=np.int64)] = True
+    row = np.flatnonzero(keep)
+    temperature = recording.columns.get("temperature_C")
+    if temperature is not None:
+        temperature = filled_input(np.asarray(temperature, float))[row]
+    return Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
+
+
+def _coarse(
+    time_s: NDArray, volts: NDArray, step: float, fine_s: float, growth: float, cap_s: float
+) -> NDArray[np.bool_]:
+    n = time_s.size
+    changed = np.empty(n, dtype=bool)
+    changed[0] = True
+    np.not_equal(volts[1:], volts[:-1], out=changed[1:])
+    start = np.flatnonzero(changed)
+    which = np.cumsum(changed) - 1
+    # the row of a change ends an interval with the new command, which began at the row before
+    edge = time_s[np.maximum(start - 1, 0)]
+    keep = time_s - edge[which] <= fine_s
+    keep[start] = True
+    keep[np.maximum(start - 1, 0)] = True
+    keep[[0, n - 1]] = True
+    end = np.append(start[1:], n)
+    typical = step if step > 0 else float(np.median(np.diff(time_s))) if n > 1 else 1.0
+    for k in np.flatnonzero(time_s[end - 1] - edge > fine_s):
+        last = int(end[k]) - 1
+        i = int(np.searchsorted(time_s, edge[k] + fine_s, "right")) - 1
+        while i < last:
+            keep[i] = True
+            wanted = min(growth * (time_s[i] - edge[k]), cap_s) / typical
+            stride = max(1, int(_STEP_GRID ** np.floor(np.log(max(wanted, 1.0) + 1e-9) / np.log(_STEP_GRID))))
+            i += stride
+    return keep
+
+
+def past_nodes(earlier: Sequence[Recording], last: Recording) -> Nodes | None:
+    """Nodes of the recordings before `last` (oldest first) with the rests between them, up to its first row.
+
+    None where there are none. A rest follows a change to 0 V with rows that get wider like those of `make_nodes`.
+    """
+    time, volts = [np.zeros(0)], [np.zeros(0)]
+    now = 0.0
+    for before, after in pairwise([*earlier, last]):
+        nodes = make_nodes(before)
+        h = nodes.durations()
+        h[0] = 1e-6 * float(np.median(h[1:])) if now > 0.0 else 0.0
+        time.append(now + np.cumsum(h))
+        volts.append(nodes.volts)
+        now = float(time[-1][-1])
+        rest = after.rest_before_s or 0.0
+        if rest > 0.0:
+            t = np.append(_REST_FIRST_S * _REST_GROWTH ** np.arange(200), np.inf)
+            t = np.append(t[t < rest], rest)
+            time.append(now + t)
+            volts.append(np.zeros(t.size))
+            now += rest
+    if not earlier:
+        return None
+    time_s, command = np.concatenate(time), np.concatenate(volts)
+    return Nodes(time_s, command, np.arange(time_s.size), time_s.size, last.hold)

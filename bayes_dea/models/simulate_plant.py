@@ -1,0 +1,138 @@
+"""Forward simulation of a plant: displacement under a command, force under an imposed position."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .electrostatics import VOLTAGE_GEOMETRY
+from .mechanics import GKV, strain_driven_kernel
+from .nodes import Nodes
+from .plant import Plant
+from .plant_kernel import drive_voltage
+from .plate_kernel import drive_position
+from .static import law_stress_tangent
+from .supply_kernel import delayed, drive_lags, lagged, network, supply
+
+
+def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
+    """Displacement (m,) in m at the nodes, sensor effects included, without offset, gain and noise.
+
+    past: what the actuator went through before the first node (see `nodes.past_nodes`); rested where None. nan from
+    where there is no balance of forces. Raises InputError where the geometry or a column is missing.
+    """
+    return sensed(plant, nodes, displacement(plant, nodes, past))
+
+
+def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
+    """Displacement (m,) in m at the nodes before any sensor."""
+    if plant.stroke_m == 0.0:
+        raise InputError(f"a voltage recording needs {', '.join(VOLTAGE_GEOMETRY)}; write them under [actuator] in "
+                         "campaign.toml")
+    h, volts = nodes.durations(), nodes.volts
+    if past is not None:
+        h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
+        volts = np.concatenate([past.volts, volts])
+    out = np.empty(h.size)
+    _strain(plant, h, volts, nodes.hold == "linear", out)
+    out = plant.stroke_m * out[-nodes.size:]
+    if plant.alpha_T_m_per_K != 0.0:
+        if nodes.temperature_C is None:
+            raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
+                             "take the effect out of the model")
+        out -= plant.alpha_T_m_per_K * (nodes.temperature_C - nodes.temperature_C[0])
+    return out
+
+
+def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool, out: NDArray) -> None:
+    u0, u1 = volts, volts
+    if (linear or plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s):
+        u0, u1 = np.empty(h.size), np.empty(h.size)
+        supply(h, volts, linear, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s, u0, u1)
+    if not plant.is_linear and plant.creep is None:
+        drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
+        return
+    start, end = np.empty(h.size), np.empty(h.size)
+    drive_lags(h, plant.factor, plant.R_s_ohm, plant.R_leak_ohm, plant.capacitance_F, plant.E_0_V_per_m,
+               plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, u0, u1, start, end)
+    if plant.creep is None:
+        network(h, start, end, *plant.modes, out)
+    else:
+        network(h, start, end, 0.0, *plant.creep, out)
+        _add_spring(plant.law_id, plant.law, end, out)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_spring(law_id, law, stress, out):
+    """Add the strain of a law under a stress (m,) Pa; nan where the law cannot carry it."""
+    e = 0.0
+    for i in range(stress.size):
+        found = False
+        for _ in range(60):
+            s, t = law_stress_tangent(law_id, law, e)
+            step = (stress[i] - s) / t
+            step = min(max(step, -0.1), 0.1)
+            e = min(e + step, 0.5 * (e + 1.0))
+            if abs(step) < 1e-10:
+                found = True
+                break
+        if not found:
+            out[i:] = np.nan
+            return
+        out[i] += e
+
+
+def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What the sensor makes of the displacement y (m,) at the nodes, in the order of the contract.
+
+    Before the first node the displacement was the one there.
+    """
+    if plant.T_d_s > 0.0:
+        late = np.empty_like(y)
+        delayed(nodes.time_s, y, plant.T_d_s, late)
+        y = late
+    if plant.tau_s_s > 0.0:
+        smooth = np.empty_like(y)
+        lagged(nodes.durations(), np.diff(nodes.row, prepend=nodes.row[:1]), y, plant.tau_s_s, smooth)
+        y = smooth
+    if plant.q_2_per_m != 0.0:
+        y = y + plant.q_2_per_m * y * y
+    t = nodes.time_s - nodes.time_s[0]
+    if plant.drift_m_per_s != 0.0:
+        y = y + plant.drift_m_per_s * t
+    if plant.mains_m != 0.0:
+        y = y + plant.mains_m * np.sin(2 * np.pi * plant.mains_Hz * t + plant.mains_phase_rad)
+    if plant.y_max_m < np.inf:
+        y = np.minimum(y, plant.y_max_m)
+    return y
+
+
+def simulate_plates(
+    plant: Plant, time_s: NDArray[np.float64], position_m: NDArray[np.float64], zero_m: float, contact: int
+) -> NDArray[np.float64]:
+    """Force (n,) in N under an imposed position (n,) m that is straight between rows; a rested material at the first.
+
+    zero_m: position of contact; contact: +1 plates, which do not pull, -1 a film, which does not push, 0 bonded.
+    Electrical, electrostatic and sensor effects and the mass do not act here. Raises InputError where the geometry is
+    missing or the model knows no force.
+    """
+    if plant.process is not None:
+        raise InputError("a black box from voltage to displacement knows no force; calibrate it on voltage recordings")
+    if plant.height_m == 0.0:
+        raise InputError("a mechanical recording needs stack_height_m, total_area_m2; write it under [actuator] in "
+                         "campaign.toml")
+    e = (np.asarray(position_m, float) - zero_m) / plant.height_m
+    h = np.diff(np.asarray(time_s, float))
+    step = float(np.median(h))
+    h[np.abs(h - step) < 1e-6 * step] = step  # stamps are rounded in the file
+    stress, material = np.empty(e.size), np.empty(e.size)
+    if plant.creep is not None:
+        c, T = plant.creep
+        strain_driven_kernel(plant.law_id, plant.law, GKV, 1.0 / c, T, 0.0, h, e, contact, np.zeros(c.size + 1), stress,
+                             material)
+    else:
+        w = plant.without_circuit.kernel_numbers()
+        drive_position(w, plant.law, h, e, contact, stress, material)
+    return stress * plant.area_m2 / (1.0 - material)

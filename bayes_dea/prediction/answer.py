@@ -1,0 +1,222 @@
+"""`predict`: the calibrated model's answer to any command, with bands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import __version__
+from ..campaign.schema import HOLDS, Recording
+from ..campaign.settings import choice
+from ..errors import InputError
+from .bands import LEVELS, Reading, bands
+from .calibrated import Calibrated, open_calibration
+from .limits import check_units, seen_by, warnings_of
+from .result import SignalPrediction
+from .signal import Signal, read_signal
+from .simulators import Simulator, simulator
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+
+#: called with (phase, done, of, text)
+Report = Callable[[str, float, float, str], None]
+#: draws that make bands smooth enough to read; the 5 % quantile then wobbles by a tenth of an sd
+DRAWS = 200
+CHANNELS = {"voltage_V": ("displacement", "m"), "position_m": ("force", "N")}
+
+
+def predict(
+    calibration: Path | str | Calibration | Calibrated,
+    signal: Path | str | Mapping[str, ArrayLike],
+    *,
+    draws: int | None = None,
+    seed: int = 1,
+    specimen: str | None = None,
+    hold: str | None = None,
+    data_root: Path | str | None = None,
+    workers: int = 1,
+    report: Report | None = None,
+) -> SignalPrediction:
+    """The calibrated model's answer to a command, from rest, with bands at every row.
+
+    calibration: the --out folder of a calibration, or what `calibrate` returned. signal: a file, or arrays (n,) by
+    name: time_s with voltage_V (the answer is the displacement in m) or with position_m (the force in N; contact at
+    the first position). hold: what the command does between rows (CONTRACT 1), by default as in the campaign. draws:
+    posterior draws, spread evenly; by default 200, or as many as there are. Raises InputError for a folder that is no
+    calibration, a signal that cannot be read, geometry that is missing, or more draws than there are.
+    """
+    began = time.perf_counter()
+    c = open_calibration(calibration)
+    given = read_signal(signal, data_root=data_root)
+    return answer(c, given, draws, seed, specimen, hold, workers, report, began)
+
+
+def as_recording(c: Calibrated, given: Signal, specimen: str, hold: str | None) -> Recording:
+    """The signal as a recording of which nothing was observed yet."""
+    used = hold or str(c.summary.get("conventions", {}).get("hold", "end"))
+    kind = "voltage" if given.column == "voltage_V" else "compression"
+    columns = MappingProxyType({"time_s": given.time_s, given.column: given.values})
+    return Recording(
+        given.label, Path(given.label), kind, "validate", columns, c.actuator(specimen), specimen,
+        choice(used, HOLDS, "hold"),
+    )  # fmt: skip
+
+
+def simulators_for(
+    c: Calibrated, recording: Recording, rows: NDArray[np.int64], workers: int
+) -> list[Simulator]:
+    """Simulators of these draws, in parts for `workers` threads."""
+    z = c.coordinates(recording.specimen, rows)
+    parts = np.array_split(z, max(1, min(workers, len(z))))
+    return [simulator(c.structure.model, part, recording) for part in parts]
+
+
+def answer(
+    c: Calibrated,
+    given: Signal,
+    draws: int | None,
+    seed: int,
+    specimen: str | None,
+    hold: str | None,
+    workers: int,
+    report: Report | None,
+    began: float,
+) -> SignalPrediction:
+    """See `predict`; the signal has been read."""
+    say = report or (lambda *_: None)
+    name = c.specimen(specimen)
+    channel, unit = CHANNELS[given.column]
+    model = c.structure.model
+    if model.is_black_box and channel == "force":
+        raise InputError(f"{given.label}: {model.name} is a black box from voltage to displacement; it knows no force")
+    chosen = c.rows(DRAWS if draws is None else draws, draws is None)
+    recording = as_recording(c, given, name, hold)
+    seen = seen_by(c.recordings(name, channel))
+    check_units(given, recording.actuator, seen)
+    notes = [*given.warnings, *warnings_of(given, recording.actuator, seen, c.where)]
+    if not c.converged:
+        notes.append("The calibration's sampler had not converged: the bands are provisional.")
+    rng = np.random.default_rng(seed)
+    reading, about = reading_of(c, name, channel, unit, chosen, rng, notes)
+    prepared = time.perf_counter()
+    n = given.values.size
+    found = bands(
+        simulators_for(c, recording, chosen, workers),
+        n,
+        reading,
+        rng,
+        lambda done, of: say("predicting", done, of, f"{given.label}, {len(chosen)} draws"),
+    )
+    if not np.isfinite(found.mean).all():
+        at = int(np.argmin(np.isfinite(found.mean)))
+        bad = np.isfinite([row[at] for row in found.parameters])
+        raise InputError(
+            f"{given.label}, row {at + 1}: {model.name} has no answer there for "
+            f"{'some' if bad.any() else 'the'} draws; the law cannot carry that load. Lower the command"
+        )
+    done = time.perf_counter()
+    summary: dict[str, Any] = {
+        "model": model.name,
+        "campaign": c.summary.get("campaign"),
+        "calibration": c.where,
+        "specimen": name,
+        "signal": given.label,
+        "input": given.column,
+        "channel": channel,
+        "unit": unit,
+        "n": n,
+        "duration_s": float(given.time_s[-1] - given.time_s[0]),
+        "draws": len(chosen),
+        "hold": recording.hold,
+        "starts": "rested",
+        "levels": list(LEVELS),
+        "bands": {
+            f"{channel}_qNN_{unit}": f"the {channel} itself: uncertainty of the parameters alone",
+            f"reading_qNN_{unit}": "one reading of the sensor: parameters, its gain as calibrated, the offset of a new "
+            "recording, and the noise of one sample",
+        },
+        "largest": _largest(given, found.mean, found.parameters),
+        "sensor": about,
+        "limits": {
+            "max_voltage_V": recording.actuator.max_voltage_V,
+            "max_frequency_Hz": recording.actuator.max_frequency_Hz,
+        },
+        "seen": seen,
+        "origin": _origin(c.summary),
+        "seconds": done - began,
+        "seconds_by": {"read": prepared - began, "predict": done - prepared},
+        "seed": seed,
+        "version": __version__,
+        "inputs": [*map(dict, c.inputs), *map(dict, given.inputs)],
+        "warnings": list(dict.fromkeys(notes)),
+    }
+    return SignalPrediction(channel, unit, given.column, given.time_s, given.values, found, summary)
+
+
+def _origin(summary: Mapping[str, Any]) -> str:
+    meta = summary.get("meta")
+    return str(meta.get("origin") or "") if isinstance(meta, Mapping) else ""
+
+
+def _largest(given: Signal, mean: NDArray, parameters: NDArray) -> dict[str, float]:
+    """The row with the largest answer: time, mean and quantiles of the parameters' band."""
+    at = int(np.argmax(np.abs(mean)))
+    quantiles = {f"q{round(100 * level):02d}": float(v) for level, v in zip(LEVELS, parameters[:, at], strict=True)}
+    return {"time_s": float(given.time_s[at]), "mean": float(mean[at]), **quantiles}
+
+
+def reading_of(
+    c: Calibrated,
+    specimen: str,
+    channel: str,
+    unit: str,
+    rows: NDArray[np.int64],
+    rng: np.random.Generator,
+    notes: list[str],
+) -> tuple[Reading | None, dict[str, Any]]:
+    """What the sensor adds to a reading, a value a draw, and a description; None where nothing is known of it."""
+    sensor = c.summary.get("sensors", {}).get(channel, {})
+    fitted = c.recordings(specimen, channel)
+    sigma = c.quantities.get(f"sigma_{channel}_{unit}")
+    gain = c.quantities.get(f"gain_{channel}_{specimen}", c.quantities.get(f"gain_{channel}"))
+    quantisation = float(sensor.get("resolution") or 0.0) / np.sqrt(12.0)
+    if sigma is not None and gain is not None and fitted:
+        # of a new recording nothing but the prior of its offset is known
+        offset = float(np.median([r.get("offset_prior_sd") or 0.0 for r in fitted]))
+        sd, g = np.sqrt(sigma[rows] ** 2 + offset**2 + quantisation**2), gain[rows]
+        if sensor.get("accuracy") is None:
+            notes.append(
+                f"[sensor.{channel}] states no accuracy: the offset of a reading is nearly free, and so is its band. "
+                "State it and calibrate again."
+            )
+        about = {
+            "noise_sd": float(sigma[rows].mean()),
+            "offset_sd": offset,
+            "gain_mean": float(g.mean()),
+            "gain_sd": float(g.std()),
+            "source": "as calibrated",
+        }
+        return Reading(g, sd), about
+    if sensor.get("fluctuation") is None:
+        notes.append(
+            f"Nothing is known of the sensor of the {channel} ([sensor.{channel}] of the campaign): there is no band "
+            "of readings, only that of the parameters."
+        )
+        return None, {}
+    offset = float(sensor.get("accuracy") or 0.0) / np.sqrt(3.0)
+    noise = float(sensor["fluctuation"])
+    sd = np.full(len(rows), np.sqrt(noise**2 + offset**2 + quantisation**2))
+    return Reading(np.zeros(len(rows)), sd), {
+        "noise_sd": noise,
+        "offset_sd": offset,
+        "gain_mean": 0.0,
+        "gain_sd": 0.0,
+        "source": "as stated; no recording of it was fitted",
+    }

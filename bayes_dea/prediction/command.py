@@ -1,0 +1,230 @@
+"""`command_for`: the command whose predicted stroke follows a wanted one, within the limits of the actuator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..forward import row_durations
+from ..models.chain import materials
+from ..models.electrostatics import stress_factor, stroke_factor, voltage_drive
+from .answer import DRAWS, Report, answer, as_recording, simulators_for
+from .bands import CHUNK
+from .calibrated import Calibrated, open_calibration
+from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, invert_linear, invert_material
+from .limits import check_units, seen_by
+from .result import SignalPrediction, Unmet
+from .signal import Signal, read_signal
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+
+#: a stroke is met when it is predicted to this accuracy
+MET_TO_M = 1e-9
+#: intervals that prediction.json lists one by one
+LISTED = 200
+#: rounds in which the mean of the draws is brought onto the wish, for laws where it is not the answer of one of them
+_ROUNDS = 4
+WHY = {
+    MET: "the inversion of this model is approximate there",
+    ABOVE: "it would need more than the largest voltage",
+    NEGATIVE: "the actuator would have to be pulled back: at 0 V it returns by itself, no faster",
+    FAST: "it would need a faster change than the highest frequency allows",
+}
+
+Array = NDArray[np.float64]
+
+
+def command_for(
+    calibration: Path | str | Calibration | Calibrated,
+    wanted: Path | str | Mapping[str, ArrayLike],
+    *,
+    draws: int | None = None,
+    seed: int = 1,
+    specimen: str | None = None,
+    hold: str | None = None,
+    data_root: Path | str | None = None,
+    workers: int = 1,
+    report: Report | None = None,
+) -> SignalPrediction:
+    """The command for a wanted stroke: 0 <= V <= max_voltage_V, no faster than max_frequency_Hz; and its prediction.
+
+    wanted: a file or arrays (n,), time_s and displacement_m, from rest. The posterior mean of the predicted stroke
+    follows it to below a nanometre wherever that is possible; `unmet` of the result names the intervals where it is
+    not, with the reason. The command is `time_s` and `values` (V) of the result, command.csv when it is saved. With a
+    black box (pz3, ss3) the stroke is met to the resolution of the sensor only. Other arguments and errors as for
+    `predict`.
+    """
+    began = time.perf_counter()
+    say = report or (lambda *_: None)
+    c = open_calibration(calibration)
+    wish = read_signal(wanted, ("displacement_m",), "--wanted", data_root)
+    name = c.specimen(specimen)
+    actuator = c.actuator(name)
+    seen = seen_by(c.recordings(name, "displacement"))
+    check_units(wish, actuator, seen)
+    limits, notes = limits_of(c, name, seen)
+    rows = c.rows(DRAWS if draws is None else draws, draws is None)
+    flat = Signal("command", "voltage_V", wish.time_s, np.zeros(wish.values.size))
+    recording = as_recording(c, flat, name, hold)
+    if recording.hold == "linear" and _has_no_jump(c, name):
+        raise InputError(
+            f"{c.structure.model.name} with hold = 'linear' cannot be inverted row by row (it would ring): take hold = "
+            "'end' for the command"
+        )
+    say("inverting", 0, 1, wish.label)
+    found = _invert(c, recording, wish.values, rows, limits, workers)
+    command = replace(
+        flat,
+        label=f"command for {wish.label}",
+        values=_as_commanded(found.voltage, recording.hold),
+        inputs=wish.inputs,
+        warnings=(*wish.warnings, *notes),
+    )
+    inverted = time.perf_counter()
+    given = answer(c, command, draws, seed, name, hold, workers, report, inverted)
+    black_box = c.structure.model.is_black_box
+    resolution = float(c.summary.get("sensors", {}).get("displacement", {}).get("resolution") or 1e-7)
+    unmet = intervals(wish.time_s, given.mean - wish.values, found.flag, resolution if black_box else MET_TO_M)
+    summary = _summary(given.summary, wish, given.mean, unmet, limits, inverted - began)
+    return replace(given, summary=summary, wanted=wish.values, unmet=unmet)
+
+
+def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[Limits, list[str]]:
+    """Limits of a command, and warnings about those that the campaign does not state."""
+    actuator, notes = c.actuator(specimen), []
+    top = actuator.max_voltage_V
+    if top is None:
+        top = seen.get("largest_voltage_V")
+        if not top:
+            raise InputError(
+                f"{c.where}: no max_voltage_V is stated and no voltage recording was fitted: write max_voltage_V under "
+                "[actuator] in campaign.toml and calibrate again"
+            )
+        notes.append(
+            f"The campaign states no max_voltage_V: the command stays below {top:g} V, the highest voltage that the "
+            "calibration has seen."
+        )
+    if actuator.max_frequency_Hz is None:
+        notes.append("The campaign states no max_frequency_Hz: the command may jump and turn at every row.")
+    return Limits(float(top), float(actuator.max_frequency_Hz or 0.0)), notes
+
+
+def _has_no_jump(c: Calibrated, specimen: str) -> bool:
+    spec = c.structure.model.spec
+    return spec.network in ("gkm", "pz3", "ss3")
+
+
+def _as_commanded(in_force: Array, hold: str) -> Array:
+    """Voltages in force at the rows to those of a command file: with hold = start a row is in force from then on."""
+    return np.append(in_force[1:], in_force[-1]) if hold == "start" else in_force
+
+
+def _invert(
+    c: Calibrated, recording: Any, wish_m: Array, rows: NDArray[np.int64], limits: Limits, workers: int
+) -> Inverted:
+    model = c.structure.model
+    stroke, factor = stroke_factor(recording.actuator), stress_factor(recording.actuator)
+    held = replace(recording, hold="linear" if recording.hold == "linear" else "end")
+    drive = voltage_drive(held)
+    wish = wish_m / stroke
+    if recording.hold == "start":
+        wish = np.concatenate([[0.0], wish[1:]])  # nothing was in force before the first row
+    time_s = recording.time_s
+    z = c.coordinates(recording.specimen, rows)
+    if model.is_linear:
+        # the mean of all draws is itself a linear network, that of all their lags
+        D, modes, T = model.modes(z)
+        network = float(D.mean()), np.ascontiguousarray((modes / len(D)).ravel()), np.ascontiguousarray(T.ravel())
+        exact = invert_linear(time_s, drive, factor, network, wish, limits)
+        if not model.is_black_box or (np.all(exact.flag == MET) and limits.frequency_Hz > 0):
+            return exact
+        fastest = T.min(axis=1, keepdims=True)
+        slow = np.argsort(T, axis=1)[:, 1:]
+        c_slow = np.take_along_axis(modes * (1 - fastest / T), slow, 1) / len(D)
+        T_slow = np.take_along_axis(T, slow, 1)
+        behind = (np.ascontiguousarray(c_slow.ravel()), np.ascontiguousarray(T_slow.ravel()), float(fastest.mean()))
+        return invert_linear(time_s, drive, factor, network, wish, limits, behind)
+    material = materials(model, c.coordinates(recording.specimen))
+    h = row_durations(drive)
+    goal = wish.copy()
+    for _ in range(_ROUNDS):
+        found = invert_material(time_s, drive, h, factor, material, goal, limits)
+        columns = {**recording.columns, "voltage_V": _as_commanded(found.voltage, recording.hold)}
+        mean = _mean(c, replace(recording, columns=columns), rows, workers) / stroke
+        miss = np.where(found.flag == MET, wish - mean, 0.0)
+        if np.max(np.abs(miss)) * stroke < 0.2 * MET_TO_M:
+            break
+        # a wish for what no voltage does would pile up
+        goal = np.where(found.flag == MET, goal + miss, wish)
+    return found
+
+
+def _mean(c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int) -> Array:
+    """Mean (n,) of the draws' answers."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    simulators = simulators_for(c, recording, rows, workers)
+    n, out = recording.time_s.size, np.empty(recording.time_s.size)
+    with ThreadPoolExecutor(len(simulators)) as pool:
+        for start in range(0, n, CHUNK):
+            stop = min(start + CHUNK, n)
+            parts = pool.map(lambda s: s.rows(start, stop), simulators)  # noqa: B023
+            out[start:stop] = np.concatenate(list(parts), axis=1).mean(axis=1)
+    return out
+
+
+def intervals(time_s: Array, miss: Array, flag: NDArray[np.int8], tolerance: float) -> tuple[Unmet, ...]:
+    """Runs of rows that miss the wish for one and the same reason: by more than MET_TO_M, or `tolerance` (m) where
+    no limit is in the way."""
+    code = np.where(np.abs(miss) > np.where(flag == MET, tolerance, MET_TO_M), flag, -1)
+    edges = np.flatnonzero(np.diff(code)) + 1
+    bounds = np.concatenate([[0], edges, [code.size]])
+    return tuple(
+        Unmet(float(time_s[a]), float(time_s[b - 1]), WHY[int(code[a])], float(np.max(np.abs(miss[a:b]))))
+        for a, b in pairwise(bounds)
+        if code[a] >= 0
+    )
+
+
+def _summary(
+    summary: dict[str, Any], wish: Signal, mean: Array, unmet: tuple[Unmet, ...], limits: Limits, seconds: float
+) -> dict[str, Any]:
+    step = float(np.median(np.diff(wish.time_s)))
+    by: dict[str, dict[str, float]] = {}
+    for u in unmet:
+        entry = by.setdefault(u.why, {"intervals": 0, "seconds": 0.0, "largest_miss_m": 0.0})
+        entry["intervals"] += 1
+        entry["seconds"] += u.t_end_s - u.t_start_s + step
+        entry["largest_miss_m"] = max(entry["largest_miss_m"], u.miss_m)
+    notes = list(summary["warnings"])
+    for why, entry in by.items():
+        first = next(u for u in unmet if u.why == why)
+        times = f"{entry['intervals']:.0f} interval" + ("s" if entry["intervals"] > 1 else "")
+        notes.append(
+            f"{wish.label}: the wanted stroke is not met in {times} ({entry['seconds']:.4g} s, first at "
+            f"{first.t_start_s:g} s, by up to {1e6 * entry['largest_miss_m']:.3g} um): {why}."
+        )
+    return {
+        **summary,
+        "wanted": {
+            "file": wish.label,
+            "limits": {"voltage_V": limits.voltage_V, "frequency_Hz": limits.frequency_Hz or None},
+            "rms_miss_m": float(np.sqrt(np.mean((mean - wish.values) ** 2))),
+            "largest_miss_m": float(np.max(np.abs(mean - wish.values))),
+            "unmet_count": len(unmet),
+            "unmet_by": by,
+            "unmet": [vars(u) for u in unmet[:LISTED]],
+        },
+        "seconds": summary["seconds"] + seconds,
+        "seconds_by": {"invert": seconds, **summary["seconds_by"]},
+        "warnings": notes,
+    }

@@ -1,0 +1,215 @@
+"""report.html of a diagnosis: the verdict, where it lives, what else it could be, and the proof, as pictures."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..results import read_json, write_atomic
+from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
+
+Array = NDArray[np.float64]
+_TEMPLATE = "diagnosis.html.j2"
+_MOST_RECORDINGS = 8
+
+
+def write_diagnosis_page(folder: Path) -> Path:
+    """Draw report.html from diagnosis.json and diagnosis.npz in `folder` and return its path."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    summary = read_json(folder / "diagnosis.json")
+    with np.load(folder / "diagnosis.npz", allow_pickle=False) as file:
+        data = {k: file[k] for k in file.files}
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
+                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
+    with looks():
+        pictures = {
+            "probabilities": _probabilities(summary),
+            "where": [_residuals(summary, data, i) for i in _worst(summary, data)],
+            "edges": _edge_map(data),
+            "harmonics": _harmonic_map(data),
+            "proof": _proof(summary),
+            "worst": _before_after(summary, data),
+        }
+    html = environment.get_template(_TEMPLATE).render(
+        s=summary, p=pictures, hypotheses=_rows(summary), command=shlex.join(summary.get("command", [])) or None,
+        held=_held_rows(summary), by=_by_rows(summary))  # fmt: skip
+    path = folder / "report.html"
+    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
+    return path
+
+
+def _worst(summary: dict[str, Any], data: dict[str, Array]) -> list[int]:
+    names = [str(n) for n in data["names"]]
+    score = summary["mismatch"]["by"]["recording"]
+    order = sorted(range(len(names)), key=lambda i: -score.get(names[i], 0.0))
+    return order[:_MOST_RECORDINGS]
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
+    out = []
+    for h in summary["hypotheses"][:12]:
+        numbers = "; ".join(f"{k} = {v['mean']:.3g} ± {v['sd']:.2g} {v['unit']}" for k, v in h["parameters"].items())
+        p = h["probability"]
+        out.append({"name": h["name"], "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}",
+                    "evidence": "–" if h["log_evidence"] is None else f"{h['log_evidence']:.1f} ± {h['log_evidence_se']:.1f}",
+                    "numbers": numbers})  # fmt: skip
+    return out
+
+
+def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
+    out = []
+    for h in summary["proof"]["held_out"]:
+        unit, scale, sign = ("m", 1e6, "µm") if "rmse_before_m" in h else ("N", 1e3, "mN")
+        out.append({"name": h["recording"], "before": f"{scale * h[f'rmse_before_{unit}']:.3g} {sign}",
+                    "after": f"{scale * h[f'rmse_after_{unit}']:.3g} {sign}", "noise": f"{scale * h[f'noise_{unit}']:.3g} {sign}",
+                    "gain": f"{h['elpd_after'] - h['elpd_before']:.1f}"})  # fmt: skip
+    return out
+
+
+def _by_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    words = {"frequency_Hz": "frequency : harmonic", "voltage_V": "voltage (V)", "time_since_edge_s": "after an edge (s)",
+             "direction": "direction", "repetition": "repetition", "recording": "recording"}  # fmt: skip
+    out = []
+    for key, table in summary["mismatch"]["by"].items():
+        best = sorted(table.items(), key=lambda kv: -kv[1])[:4]
+        if best:
+            out.append((words.get(key, key), ", ".join(f"{k}: {v:.1f}" for k, v in best)))
+    return out
+
+
+def _probabilities(summary: dict[str, Any]) -> Picture:
+    rows = [h for h in summary["hypotheses"] if h["probability"] > 1e-6][:10]
+    figure = new_figure(0.5 + 0.28 * len(rows))
+    ax = figure.add_subplot()
+    y = np.arange(len(rows))[::-1]
+    p = np.array([h["probability"] for h in rows])
+    colours = [VERMILLION if h["name"] == summary["verdict"] else GREY for h in rows]
+    ax.barh(y, np.maximum(p, 1e-6), color=colours, height=0.62)
+    ax.set_yticks(y, [h["name"] for h in rows])
+    for k, v in zip(y, p, strict=True):
+        ax.text(min(v * 1.15, 1.6), float(k), f"{100 * v:.2g} %", va="center", fontsize=8)
+    set_log_x(ax, 1e-6, 8.0)
+    ax.set_xlabel("probability")
+    figure.tight_layout()
+    return picture(figure, f"What may have been left out, and how probable each is after the recordings were seen. The verdict, "
+                   f"{summary['verdict']}, is coloured. A factor of ten is one tick.", "bars of probabilities")  # fmt: skip
+
+
+def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Picture:
+    name = str(data["names"][i])
+    t, before, after, u = (data[f"{k}_{i}"] for k in ("time", "before", "after", "input"))
+    force = bool(data["force"][i])
+    scale, unit = (1e3, "mN") if force else (1e6, "µm")
+    figure = new_figure(2.3)
+    top, ax = figure.subplots(2, 1, sharex=True, height_ratios=[1, 3])
+    top.plot(t, u, color=BLACK, linewidth=0.8)
+    top.set_ylabel("mm" if force else "V")
+    for w in summary["mismatch"]["where"]:
+        if w["recording"] == name:
+            for a in (top, ax):
+                a.axvspan(w["t_start_s"], max(w["t_end_s"], w["t_start_s"] + 1e-3 * float(np.ptp(t))), color=ORANGE, alpha=0.3, linewidth=0)
+    ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="model as given")
+    ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="corrected")
+    ax.axhline(0, color=GREY, linewidth=0.6)
+    ax.set_ylabel(f"measured − model\n({unit})")
+    ax.set_xlabel("time (s)")
+    ax.legend(loc="upper right", ncols=2)
+    figure.tight_layout()
+    return picture(figure, f"{name}: what the model misses (block means). Shaded: stretches where the difference is larger than "
+                   "chance allows anywhere in the campaign in 99 of 100 cases.", f"residuals of {name}")  # fmt: skip
+
+
+def _edge_map(data: dict[str, Array]) -> Picture | None:
+    values, levels, borders = data["edge_map"], data["edge_levels"], data["edge_since"]
+    if not np.isfinite(values).any():
+        return None
+    figure = new_figure(2.6)
+    axes = figure.subplots(1, 2, sharey=True)
+    size = max(float(np.nanmax(np.abs(values))) * 1e6, 1e-3)
+    shown = None
+    for ax, v, title in zip(axes, values, ("after rising edges", "after falling edges"), strict=True):
+        shown = ax.pcolormesh(np.arange(borders.size), levels, v * 1e6, cmap="RdBu_r", vmin=-size, vmax=size)
+        ax.set_xticks(np.arange(borders.size)[::2], [f"{b:g}" for b in borders[::2]])
+        ax.set_title(title)
+        ax.set_xlabel("time since the edge (s)")
+    axes[0].set_ylabel("voltage (V)")
+    assert shown is not None
+    figure.colorbar(shown, ax=list(axes), label="measured − model (µm)")
+    return picture(figure, "Mean difference by voltage and time since the last edge: a delay or a resistance colours the first "
+                   "columns, a wrong static law whole rows. White: no such samples, or no difference.", "map of excess")  # fmt: skip
+
+
+def _harmonic_map(data: dict[str, Array]) -> Picture | None:
+    values, frequencies = data["harmonics"], data["frequencies"]
+    if values.size == 0:
+        return None
+    figure = new_figure(0.9 + 0.25 * frequencies.size)
+    ax = figure.add_subplot()
+    shown = ax.pcolormesh(np.arange(values.shape[1] + 1), np.arange(values.shape[0] + 1), values * 1e6, cmap="viridis")
+    ax.set_xticks(np.arange(values.shape[1]) + 0.5, [str(k + 1) for k in range(values.shape[1])])
+    ax.set_yticks(np.arange(values.shape[0]) + 0.5, [str(n) for n in data["wave_names"]])
+    for r in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            v = values[r, c] * 1e6
+            ax.text(c + 0.5, r + 0.5, f"{v:.2g}", ha="center", va="center", fontsize=8,
+                    color="white" if v < 0.6 * values.max() * 1e6 else "black")  # fmt: skip
+    ax.set_xlabel("harmonic of the excitation")
+    figure.colorbar(shown, ax=ax, label="amplitude (µm)")
+    figure.tight_layout()
+    return picture(figure, "Amplitude of the difference at the excitation and its harmonics, recording by recording: timing shows "
+                   "in the first harmonic and grows with frequency, a static nonlinearity does not.", "map of harmonics")  # fmt: skip
+
+
+def _proof(summary: dict[str, Any]) -> Picture | None:
+    rows = [h for h in summary["proof"]["held_out"] if "rmse_before_m" in h]
+    if not rows:
+        return None
+    figure = new_figure(0.8 + 0.3 * len(rows))
+    ax = figure.add_subplot()
+    y = np.arange(len(rows))[::-1]
+    before, after, noise = (1e6 * np.array([h[f"{k}_m"] for h in rows]) for k in ("rmse_before", "rmse_after", "noise"))
+    ax.hlines(y, after, before, color=GREY, linewidth=2)
+    ax.plot(before, y, "o", color=VERMILLION, label="before")
+    ax.plot(after, y, "s", color=BLUE, label="after")
+    ax.plot(noise, y, "|", color=BLACK, markersize=11, label="noise floor")
+    ax.set_yticks(y, [h["recording"] for h in rows])
+    ax.set_xlim(0, 1.1 * float(max(before.max(), noise.max())))
+    ax.set_xlabel("RMSE after the recording's own offset and gain (µm)")
+    ax.legend(loc="lower right")
+    figure.tight_layout()
+    return picture(figure, "Recordings that no fit has seen: error of the model as given and of the corrected one. A repair that is "
+                   "true brings the squares to the noise.", "errors before and after")  # fmt: skip
+
+
+def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | None:
+    if "worst_time" not in data or data["worst_time"].size == 0:
+        return None
+    t, before, after = data["worst_time"], data["worst_before"], data["worst_after"]
+    scale, unit = (1e3, "mN") if bool(data["worst_force"]) else (1e6, "µm")
+    figure = new_figure(2.2)
+    ax = figure.add_subplot()
+    ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="before")
+    ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="after")
+    ax.axhline(0, color=GREY, linewidth=0.6)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(f"measured − model ({unit})")
+    ax.legend(loc="upper right", ncols=2)
+    figure.tight_layout()
+    name = str(data["worst_name"])
+    return picture(figure, f"{name}, the held-out recording that the model as given missed most, before and after the repair.",
+                   "residuals before and after")  # fmt: skip
+
+
+def finite(value: float | None) -> bool:
+    """Whether there is a number."""
+    return value is not None and math.isfinite(value)

@@ -1,0 +1,186 @@
+"""Fifty runs stopped at random moments: `--resume` ends at exactly the numbers of an undisturbed run (CONTRACT 2)."""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_dea as bd
+
+KILLS = 50
+#: of these, in processes of their own, from their first import on
+FRESH = 4
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+RESULTS = ["calibration.json", "posterior.nc", "report.html"]
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+
+
+class Forks:
+    """Runs of the command line, forked from one process (tests/forked_runs.py)."""
+
+    def __init__(self, said: Path, warming: list[object]) -> None:
+        self.said = said
+        script = Path(__file__).with_name("forked_runs.py")
+        self.server = subprocess.Popen([sys.executable, str(script), *map(str, warming)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                       text=True, env=ENVIRONMENT)
+
+    def start(self, arguments):
+        self.server.stdin.write(json.dumps([*map(str, arguments), str(self.said)]) + "\n")
+        self.server.stdin.flush()
+        return int(self.server.stdout.readline())
+
+    def end(self):
+        return int(self.server.stdout.readline()), self.said.read_text(encoding="utf-8")
+
+    def close(self):
+        self.server.stdin.close()
+        self.server.wait(60)
+        self.server.stdout.close()
+
+
+class Fresh:
+    """The same in processes of their own."""
+
+    def start(self, arguments):
+        self.process = subprocess.Popen([sys.executable, "-m", "bayes_dea", *map(str, arguments)],
+                                        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT)
+        return self.process.pid
+
+    def end(self):
+        said, _ = self.process.communicate(timeout=120)
+        return self.process.returncode, said
+
+
+@pytest.fixture(scope="module")
+def tiny(small_campaign, tmp_path_factory):
+    """Two recordings of a few seconds, one fitted and one predicted: calibrated in a second."""
+    folder = tmp_path_factory.mktemp("kills") / "tiny"
+    shutil.copytree(small_campaign, folder)
+    toml = folder / "campaign.toml"
+    parts = re.split(r"(?=\[\[recording\]\])|(?=\[meta\])", toml.read_text(encoding="utf-8"))
+    kept = [p for p in parts if not p.startswith("[[") or "sine_1Hz" in p or "rectangle_1Hz" in p]
+    toml.write_text("".join(kept), encoding="utf-8")
+    return folder
+
+
+def arguments(campaign, out, seed=1):
+    return ["calibrate", campaign, "--model", "hooke", "--max-steps", 240, "--out", out, "--seed", seed, "--workers", 1,
+            "--checkpoint-seconds", 0, "--quiet"]
+
+
+def timeless(folder):
+    summary = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    return {k: v for k, v in summary.items() if k not in ("seconds", "seconds_by", "command")}
+
+
+def numbers(folder):
+    data = bd.load_posterior(folder)
+    return {(group, name): values.values for group in data.groups() for name, values in data[group].variables.items()}
+
+
+def assert_whole(folder, seeds):
+    """Whatever stands in the folder is whole, of the run before or of this one."""
+    left = {p.name for p in folder.iterdir() if not p.name.startswith(".")}
+    assert left == set(RESULTS)
+    assert json.loads((folder / "calibration.json").read_text(encoding="utf-8"))["seed"] in seeds
+    assert (folder / "report.html").read_text(encoding="utf-8").rstrip().endswith("</html>")
+    assert bd.load_posterior(folder).posterior.attrs["seed"] in seeds
+    for checkpoint in folder.glob(".checkpoint-*.npz"):
+        with np.load(checkpoint) as state:
+            assert set(state.files) >= {"coords", "chain", "key"}
+
+
+class Series:
+    """Runs of one command, each stopped at a random moment until enough were; the last one of a folder is not."""
+
+    def __init__(self, campaign, root, earlier, undisturbed, seconds):
+        self.campaign, self.root, self.earlier = campaign, root, earlier
+        self.expected, self.arrays, self.seconds = timeless(undisturbed), numbers(undisturbed), seconds
+        self.lock = threading.Lock()
+        self.log: list[str] = []
+
+    def folder(self, name):
+        """A folder that holds the results of an earlier run, with another seed."""
+        return Path(shutil.copytree(self.earlier, self.root / name))
+
+    def carry_out(self, name, runs, kills, seed):
+        rng = np.random.default_rng(seed)
+        done = ended = 0
+        out = self.folder(f"{name}{ended}")
+        while done < kills:
+            number = SIGNALS[int(rng.integers(3))]
+            began = time.monotonic()
+            process = runs.start([*arguments(self.campaign, out), "--resume"])
+            time.sleep(float(rng.uniform(0.0, self.seconds)))
+            try:
+                os.kill(process, number)
+            except ProcessLookupError:
+                number = None
+            status, said = runs.end()
+            lasted = time.monotonic() - began
+            self.log.append(f"{name} {lasted:.2f} s, {number}: {status}")
+            assert "Traceback" not in said or isinstance(runs, Fresh), said
+            if status == 0:
+                self.assert_same(out)
+                ended += 1
+                out = self.folder(f"{name}{ended}")
+                continue
+            assert number is not None, f"it ended with {status} by itself: {said}"
+            # before Python has come to our first line a signal ends the process as it does any other
+            allowed = {128 + number, -number} if isinstance(runs, Fresh) else {128 + number}
+            assert status == (-signal.SIGKILL if number == signal.SIGKILL else status)
+            assert number == signal.SIGKILL or status in allowed, said
+            if status > 0 and not isinstance(runs, Fresh):
+                assert said in (f"bayes-dea: {'terminated' if number == signal.SIGTERM else 'interrupted'}; the same "
+                                "command with --resume continues\n", ""), said
+            with self.lock:  # HDF5 is not made for threads
+                assert_whole(out, {1, 2})
+            done += 1
+        runs.start([*arguments(self.campaign, out), "--resume"])
+        status, said = runs.end()
+        assert (status, said) == (0, "")
+        self.assert_same(out)
+        return done
+
+    def assert_same(self, out):
+        with self.lock:
+            assert timeless(out) == self.expected
+            arrays = numbers(out)
+            assert arrays.keys() == self.arrays.keys()
+            for key, values in self.arrays.items():
+                same = (np.array_equal(arrays[key], values, equal_nan=True) if values.dtype.kind == "f"
+                        else np.array_equal(arrays[key], values))
+                assert same, key
+            assert sorted(p.name for p in out.iterdir() if not p.name.startswith(".checkpoint-")) == RESULTS
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no signals and forks")
+def test_fifty_random_kills(tiny, tmp_path):
+    first = Forks(tmp_path / "said1", arguments(tiny, tmp_path / "warm1"))
+    second = Forks(tmp_path / "said2", arguments(tiny, tmp_path / "earlier", seed=2))
+    try:
+        second.start(arguments(tiny, tmp_path / "warm2", seed=3))
+        began = time.monotonic()
+        first.start(arguments(tiny, tmp_path / "undisturbed"))
+        assert first.end() == (0, "")
+        assert second.end() == (0, "")
+        series = Series(tiny, tmp_path, tmp_path / "earlier", tmp_path / "undisturbed", time.monotonic() - began)
+        half = (KILLS - FRESH) // 2
+        jobs = [("a", first, half, 1), ("b", second, KILLS - FRESH - half, 2), ("c", Fresh(), FRESH, 3)]
+        with ThreadPoolExecutor(len(jobs)) as pool:
+            done = sum(pool.map(lambda job: series.carry_out(*job), jobs))
+    finally:
+        first.close()
+        second.close()
+    assert done == KILLS, series.log
+    print("\n".join(series.log))
