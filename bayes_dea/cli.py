@@ -54,6 +54,11 @@ def main() -> None:
     except Interrupted as again:  # a second one while the first was being told
         status = again.exit_status
     signals.ignore()
+    if status in (130, 143):
+        # files that were open when it was stopped would still complain about it when they are collected
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 

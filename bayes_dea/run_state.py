@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,5 +28,7 @@ def finished(folder: Path, keep: Path | None = None) -> None:
     """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
     for pattern in (f"{_PREFIX}*.npz", f"{PARTIAL}*"):
         for path in folder.glob(pattern):
-            if path != keep:
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            elif path != keep:
                 path.unlink(missing_ok=True)

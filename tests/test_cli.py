@@ -1,5 +1,7 @@
 """The command line: help, output on terminals and in pipes, JSON, and numbers that come out the same again."""
 
+import inspect
+import io
 import json
 import os
 import pty
@@ -14,11 +16,12 @@ import pytest
 
 import bayes_dea as bd
 from bayes_dea import cli
+from bayes_dea.commands import progress as progress_module
 from bayes_dea.commands.options import overrides
-from bayes_dea.commands.progress import Interrupted, Signals
+from bayes_dea.commands.progress import Interrupted, Signals, duration, progress
 
 ANSI = re.compile(r"\x1b\[")
-VERBS = ("calibrate", "bench", "report")
+VERBS = tuple(cli.VERBS)
 
 
 @pytest.fixture
@@ -51,6 +54,21 @@ def test_the_examples_name_options_that_exist(monkeypatch, capsys):
         table, example = text.split("Example:")
         for option in re.findall(r"--\w+", example):
             assert option in table
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_common_options_are_the_same_everywhere(verb):
+    """What several verbs take they take under one name, with one text and, but for folders, one default."""
+    common = {"seed": ("SeedOption", 1), "out": ("OutOption", None), "workers": ("WorkersOption", 0),
+              "quiet": ("QuietOption", False), "json_output": ("JsonOption", False), "resume": ("ResumeOption", False),
+              "anew": ("AnewOption", False)}
+    parameters = inspect.signature(cli.VERBS[verb][0]).parameters
+    for name, (kind, default) in common.items():
+        if name in parameters:
+            assert parameters[name].annotation == kind, name
+            assert default is None or parameters[name].default == default, name
+    assert "quiet" in parameters
+    assert ("resume" in parameters) == ("anew" in parameters)
 
 
 def test_help_and_version_answer_at_once(command, wide):
@@ -182,21 +200,131 @@ def test_overrides_on_the_command_line_go_before_those_of_a_file(tmp_path):
     assert priors["tau_1_s"].source == "my own tensile test"
 
 
-def test_signals_wait_while_the_sampler_is_at_work():
+def on_a_terminal(arguments, environment):
+    """(exit status, what came) of the command with standard output and error on a terminal."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([sys.executable, "-m", "bayes_dea", *map(str, arguments)], stdout=theirs, stderr=theirs,
+                               env=environment)
+    os.close(theirs)
+    drawn = b""
+    while True:
+        try:
+            chunk = os.read(ours, 65536)
+        except OSError:  # the other end was closed
+            break
+        if not chunk:
+            break
+        drawn += chunk
+    status = process.wait(60)
+    os.close(ours)
+    return status, drawn.decode()
+
+
+PLAIN = {"NO_COLOR": {"NO_COLOR": "1"}, "dumb": {"TERM": "dumb"}, "--no-color": {}}
+
+
+@pytest.mark.parametrize("how", PLAIN)
+def test_colours_are_off_when_asked(tmp_path, how):
+    environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR")} | {"TERM": "xterm"}
+    option = ["--no-color"] if how == "--no-color" else []
+    if how == "--no-color":
+        environment["FORCE_COLOR"] = "1"  # what is asked for here goes before what is always wanted
+    status, text = on_a_terminal(["calibrate", "--help", *option], environment | PLAIN[how])
+    assert status == 0
+    assert "Example: bayes-dea calibrate" in text
+    assert "\x1b" not in text
+    if how == "dumb":
+        status, text = on_a_terminal(["bench", "--preset", "small", "--out", tmp_path / "c"], environment | PLAIN[how])
+        assert status == 0
+        assert text.startswith("simulating ...")
+        assert "\x1b" not in text
+
+
+def test_colours_are_on_where_nobody_minds():
+    environment = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR")} | {"TERM": "xterm"}
+    status, text = on_a_terminal(["calibrate", "--help"], environment)
+    assert status == 0
+    assert ANSI.search(text)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_plain_progress_has_the_remaining_time(monkeypatch):
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    clock = iter([100.0, 101.0, 110.0, 120.0, 121.0])
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: next(clock))
+    with progress(quiet=False) as report:
+        report("sampling", 0, 1, "")
+        report("sampling", 1, 20, "step 1")  # a second later: not again
+        report("sampling", 5, 20, "step 5, tau " + "9" * 100)
+        report("sampling", 10, 20, "")
+        report("evidence", 0, 1, "")
+    lines = sys.stderr.getvalue().splitlines()
+    assert lines[0] == "sampling ..."
+    assert lines[1].startswith("sampling: 25 %, about 30 s left (step 5, tau 99")
+    assert lines[2:] == ["sampling: 50 %, about 20 s left", "evidence ..."]
+    assert max(map(len, lines)) < 80
+
+
+def test_progress_fits_eighty_columns(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(quiet=False) as report:
+        report("searching the MAP", 1, 8, "swarm 1 of 8, and a text that is much longer than the line has room for")
+        report("sampling again", 3, 8, "step 1200, tau 33, R-hat 1.003, acceptance 0.25, and so on and so on and on")
+    drawn = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", sys.stderr.getvalue())
+    lines = [line for line in re.split(r"[\r\n]+", drawn) if line.strip()]
+    assert any("sampling again" in line and "step 1200" in line for line in lines)
+    assert any(re.search(r"\d:\d\d:\d\d", line) for line in lines), "no time"
+    assert max(map(len, lines)) <= 80
+
+
+def test_no_progress_when_quiet_or_in_a_pipe(monkeypatch, capsys):
+    for quiet in (False, True):
+        with progress(quiet) as report:
+            report("sampling", 1, 2, "")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(quiet=True) as report:
+        report("sampling", 1, 2, "")
+    assert sys.stderr.getvalue() == ""
+    assert capsys.readouterr() == ("", "")
+
+
+def test_durations():
+    assert [duration(s) for s in (0.2, 59.4, 190.0, 7500.0)] == ["0 s", "59 s", "3 min 10 s", "2 h 5 min"]
+
+
+@pytest.mark.parametrize(("shell", "mark"), [("bash", "complete -o"), ("zsh", "#compdef bayes-dea"),
+                                             ("fish", "complete --command bayes-dea")])
+def test_shell_completion(command, shell, mark):
+    done = command(env=os.environ | {"_BAYES_DEA_COMPLETE": f"source_{shell}"})
+    assert done.returncode == 0
+    assert mark in done.stdout
+    assert f"_BAYES_DEA_COMPLETE=complete_{shell}" in done.stdout
+
+
+def test_the_shell_completes_verbs_and_options(command):
+    def completed(words):
+        return command(env=os.environ | {"_BAYES_DEA_COMPLETE": "complete_bash", "COMP_WORDS": words,
+                                         "COMP_CWORD": str(len(words.split(" ")) - 1)}).stdout.split()
+
+    assert completed("bayes-dea ca") == ["calibrate"]
+    assert set(VERBS) <= set(completed("bayes-dea "))
+    assert completed("bayes-dea calibrate --se") == ["--seed"]
+
+
+def test_signals_are_raised_where_they_arrive():
     signals = Signals()
-    with pytest.raises(Interrupted) as caught:
-        signals._arrived(signal.SIGTERM, None)
-    assert caught.value.exit_status == 143
-    signals = Signals()
-    signals.held = True
-    signals.release()  # nothing has arrived
-    signals._arrived(signal.SIGINT, None)
-    with pytest.raises(Interrupted) as caught:
-        signals.release()
-    assert caught.value.exit_status == 130
-    signals._arrived(signal.SIGINT, None)
-    with pytest.raises(Interrupted):
-        signals._arrived(signal.SIGINT, None)  # the user insists
+    for number, status in ((signal.SIGTERM, 143), (signal.SIGINT, 130)):
+        with pytest.raises(Interrupted) as caught:
+            signals._arrived(number, None)
+        assert caught.value.exit_status == status
 
 
 def test_a_signal_that_python_drops_is_raised_again():
@@ -216,5 +344,5 @@ def test_a_signal_that_python_drops_is_raised_again():
             "cli.main()\n")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
     assert done.stdout == "goes on\n"
-    assert done.stderr == "bayes-dea: terminated; call it again in the same way to continue\n"
+    assert done.stderr == "bayes-dea: terminated; nothing is half written\n"
     assert done.returncode == 143

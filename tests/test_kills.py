@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
 
@@ -31,8 +31,8 @@ class Forks:
     def __init__(self, said: Path, warming: list[object]) -> None:
         self.said = said
         script = Path(__file__).with_name("forked_runs.py")
-        self.server = subprocess.Popen([sys.executable, str(script), *map(str, warming)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                       text=True, env=ENVIRONMENT)
+        self.server = subprocess.Popen([sys.executable, str(script), *map(str, warming)], stdin=subprocess.PIPE,
+                                       stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
 
     def start(self, arguments):
         self.server.stdin.write(json.dumps([*map(str, arguments), str(self.said)]) + "\n")
@@ -63,14 +63,7 @@ class Fresh:
 
 @pytest.fixture(scope="module")
 def tiny(small_campaign, tmp_path_factory):
-    """Two recordings of a few seconds, one fitted and one predicted: calibrated in a second."""
-    folder = tmp_path_factory.mktemp("kills") / "tiny"
-    shutil.copytree(small_campaign, folder)
-    toml = folder / "campaign.toml"
-    parts = re.split(r"(?=\[\[recording\]\])|(?=\[meta\])", toml.read_text(encoding="utf-8"))
-    kept = [p for p in parts if not p.startswith("[[") or "sine_1Hz" in p or "rectangle_1Hz" in p]
-    toml.write_text("".join(kept), encoding="utf-8")
-    return folder
+    return tiny_campaign(small_campaign, tmp_path_factory.mktemp("kills") / "tiny")
 
 
 def arguments(campaign, out, seed=1):

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
 from bayes_dea.fit.ensemble import EnsembleSettings
@@ -55,7 +56,7 @@ def interrupt_thrice(arguments, out):
         assert status == EXIT[number], said
         if number != signal.SIGKILL:
             (line,) = said.splitlines()
-            assert line.endswith("call it again in the same way to continue")
+            assert line.endswith("the same command with --resume continues")
         left = [p.name for p in out.iterdir()]
         assert len([n for n in left if re.fullmatch(r"\.checkpoint-[0-9a-f]{20}\.npz", n)]) == 1
         assert "calibration.json" not in left, "results are written when there are some"
@@ -75,7 +76,7 @@ def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, 
     with np.load(checkpoint) as state:
         done_before = int(state["counts"][0])
     assert 20 <= done_before < converged.summary["sampler"]["steps"]
-    done = command(*arguments, "--quiet")
+    done = command(*arguments, "--quiet", "--resume")
     assert done.returncode == 0, done.stderr
     s = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
     assert timeless(s) == timeless(converged.summary)
@@ -139,6 +140,78 @@ def test_a_resumed_run_does_not_begin_anew(campaign, undisturbed, tmp_path):
 
 
 @pytest.mark.usefixtures("without_refits")
+@pytest.mark.parametrize("at", ["between blocks", "inside the density"])
+def test_what_was_done_is_kept_when_it_is_interrupted(campaign, undisturbed, tmp_path, monkeypatch, at):
+    """A checkpoint in an hour: it is written on the way out, in the middle of a block as it was before the block."""
+    from bayes_dea.likelihood.posterior import Posterior
+
+    rare = replace(QUICK, sampler=replace(QUICK.sampler, checkpoint_seconds=3600.0))
+    checkpoint = tmp_path / "c.npz"
+    seen, calls = [], []
+    plain_density = Posterior.log_prob
+
+    def density(self, q):
+        calls.append(len(q))
+        if armed and len(calls) > armed[0] + 30:  # the second ensemble is at work
+            raise KeyboardInterrupt
+        return plain_density(self, q)
+
+    armed: list[int] = []
+
+    def stop(phase, done, of, text):
+        seen.append((phase, text))
+        if phase == "sampling" and text.startswith("step 60,"):
+            if at == "between blocks":
+                raise KeyboardInterrupt
+            armed.append(len(calls))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Posterior, "log_prob", density)
+        with pytest.raises(KeyboardInterrupt):
+            calibrate(campaign, settings=rare, report=stop, checkpoint=checkpoint)
+    assert steps_of(seen)[-1] == 60
+    with np.load(checkpoint) as state:
+        assert int(state["counts"][0]) == 60
+    again = calibrate(campaign, settings=rare, checkpoint=checkpoint)
+    assert timeless(again.summary) == timeless(undisturbed.summary)
+    assert np.array_equal(again.draws, undisturbed.draws)
+
+
+def test_resume_and_anew(small_campaign, tmp_path, monkeypatch, capsys):
+    """--resume continues or, with nothing to continue, begins; --anew begins; both is a contradiction."""
+    from bayes_dea import calibration, cli
+
+    began = []
+    sample = calibration.sample
+
+    def watched(*arguments, **options):
+        began.append(options["resume_from"])
+        return sample(*arguments, **options)
+
+    campaign = tiny_campaign(small_campaign, tmp_path / "tiny")
+    monkeypatch.setattr(calibration, "sample", watched)
+    monkeypatch.setattr("bayes_dea.report.page.write_report", lambda folder: None)
+
+    def run(*options):
+        began.clear()
+        monkeypatch.setattr(sys, "argv", ["bayes-dea", "calibrate", str(campaign), "--model", "hooke", "--max-steps",
+                                          "200", "--out", str(tmp_path / "out"), "--quiet", *options])
+        status = cli._run()
+        return status, timeless(json.loads((tmp_path / "out" / "calibration.json").read_text(encoding="utf-8")))
+
+    status, first = run("--resume")  # nothing to continue
+    assert (status, began) == (0, [None])
+    (checkpoint,) = (tmp_path / "out").glob(".checkpoint-*")
+    for options, expected in ((["--resume"], [checkpoint]), ([], [checkpoint]), (["--anew"], [None])):
+        assert run(*options) == (0, first)
+        assert began == expected
+    status, _ = run("--anew", "--resume")
+    assert status == 2
+    assert capsys.readouterr().err == "bayes-dea: --resume and --anew: give one of them\n"
+    assert checkpoint.exists()
+
+
+@pytest.mark.usefixtures("without_refits")
 def test_a_run_that_stopped_too_early_goes_on_when_it_may_take_longer(campaign, undisturbed, tmp_path):
     seen = []
     short = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=100))
@@ -166,11 +239,13 @@ def test_workers_change_no_number(small_campaign):
     both = bd.load_campaign(small_campaign)
     few = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=60))
     one = calibrate(both, settings=replace(few, workers=1))
-    three = calibrate(both, settings=replace(few, workers=3))
-    assert timeless(one.summary) == timeless(three.summary)
-    assert np.array_equal(one.draws, three.draws)
-    for a, b in zip(one.predictions, three.predictions, strict=True):
-        assert np.array_equal(a.draws, b.draws)
+    for workers in (2, 4):
+        more = calibrate(both, settings=replace(few, workers=workers))
+        assert timeless(one.summary) == timeless(more.summary)
+        assert np.array_equal(one.draws, more.draws)
+        for a, b in zip(one.predictions, more.predictions, strict=True):
+            assert np.array_equal(a.draws, b.draws)
+            assert np.array_equal(a.log_likelihood, b.log_likelihood)
 
 
 @pytest.mark.usefixtures("without_refits")
@@ -229,8 +304,8 @@ def test_a_checkpoint_is_named_after_its_run(tmp_path):
 
 
 def test_what_killed_runs_left_goes_when_one_ends(tmp_path):
-    rest = [".checkpoint-0123.npz", ".checkpoint-0123.npzabc.part", ".posterior.nc.x1y2.nc", ".report.html.q.html",
-            ".calibration.json.z.json"]
+    rest = [".checkpoint-0123.npz", ".part-x1y2_zz0-.checkpoint-0123.npz", ".part-abcdefgh-posterior.nc"]
+    (tmp_path / ".part-folder00").mkdir()
     for name in (*rest, "calibration.json", "notes.txt", ".hidden"):
         (tmp_path / name).write_bytes(b"x")
     finished(tmp_path, keep=tmp_path / ".checkpoint-0123.npz")

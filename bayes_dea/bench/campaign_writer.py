@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import math
 import os
@@ -20,8 +22,8 @@ from bayes_dea import __version__
 from bayes_dea.bench.effects import truth_name
 from bayes_dea.bench.plan import CampaignPlan, SensorSheet
 from bayes_dea.bench.simulate import simulate
-from bayes_dea.errors import InputError
-from bayes_dea.results import write_atomic, write_text
+from bayes_dea.errors import BayesDEAError, InputError
+from bayes_dea.results import PARTIAL, write_atomic, write_text
 
 ORIGIN = "virtual bench of bayes-dea, simulated, not measured"
 TRUTH = "truth.json"
@@ -116,20 +118,23 @@ def write_folder(out: Path, plan: CampaignPlan, seed: int, table: dict[str, Any]
     """Write `plan`, carried out with `seed`, into the folder `out`; return what was true of each recording.
 
     `table`: what campaign.toml says. `about`: makes the content of truth.json from that list; without it the folder
-    gets none. Files appear whole or not at all: everything is written beside `out` first and moved in at the end,
-    campaign.toml last. `progress(done, of, file)` is called after every recording. Raises InputError where `out`
-    holds anything of the same names that the virtual bench did not write.
+    gets none. Files appear whole or not at all: everything is written to a folder inside `out` first and moved at
+    the end, campaign.toml last. `progress(done, of, file)` is called after every recording. Raises InputError where
+    `out` holds anything of the same names that the virtual bench did not write, or cannot be written to.
     """
     out = Path(out)
     if seed < 0:
         raise InputError(f"--seed is {seed}; give zero or a positive number")
     _check_free(out, plan)
+    was_there = out.is_dir()
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+        out.mkdir(parents=True, exist_ok=True)
+        # inside, not beside: `out` may be another file system
+        work = Path(tempfile.mkdtemp(prefix=PARTIAL, dir=out))
     except OSError as error:
-        raise InputError(f"{out}: cannot be created ({error.strerror}); "
-                         "give --out a folder that may be written") from None
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        raise (BayesDEAError if full else InputError)(
+            f"{out}: cannot be written to ({error.strerror}); give --out a folder that may be written") from None
     try:
         truths = []
         for done, simulated in enumerate(simulate(plan, seed), 1):
@@ -140,13 +145,15 @@ def write_folder(out: Path, plan: CampaignPlan, seed: int, table: dict[str, Any]
         if about is not None:
             write_text(work / TRUTH, json.dumps(about(truths), indent=1) + "\n")
         write_text(work / "campaign.toml", _toml(table))
-        out.mkdir(exist_ok=True)
         if about is None:
             (out / TRUTH).unlink(missing_ok=True)  # of the campaign that was here before
         for name in [*(r.file for r in plan.recordings), *([TRUTH] if about is not None else []), "campaign.toml"]:
             os.replace(work / name, out / name)
     finally:
         shutil.rmtree(work, ignore_errors=True)
+        if not was_there:
+            with contextlib.suppress(OSError):  # stays when it holds something
+                out.rmdir()
     return truths
 
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit  # type: ignore[import-untyped]
 
-#: error allowed to a substep, in strain (1e-7 is 1 nm of the default stack)
-TOLERANCE = 1e-7
+#: error allowed to a substep, in strain (4e-7 is 4 nm of the default stack)
+TOLERANCE = 4e-7
 #: the same where a mass rings: its phase error is paid for in every row
 TOLERANCE_RING = 1e-6
 #: time constants after which the charge behind the series resistance has settled (what is left: 6e-6)

@@ -76,10 +76,10 @@ def _probe(plan: CampaignPlan, recording: RecordingPlan, room: np.random.Generat
         if isinstance(protocol, Creep):
             rows = _creep_rows(time_s, command)
         else:
-            # a tenth of the cycles is much, ten rows a hundredth of a cycle enough: edges still fall on rows
+            # some hundred rows a cycle are enough, but every row about an edge, so that it stays where it is
             every = max(1, int(rate / max(100.0, 200.0 * protocol.frequency_Hz)))
             changes = np.flatnonzero(np.abs(np.diff(command)) > 50.0) + 1
-            near = (changes[:, None] + np.arange(60)[None, :]).ravel() if changes.size else np.empty(0, dtype=int)
+            near = (changes[:, None] + np.arange(-1, 60)[None, :]).ravel() if changes.size else np.empty(0, dtype=int)
             rows = np.unique(np.concatenate([np.arange(0, time_s.size, every), near[near < time_s.size]]))
         temperature = None
         if plan.swing_K > 0.0:

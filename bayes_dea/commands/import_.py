@@ -19,23 +19,40 @@ _MOST = 12
 
 
 def import_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Recordings of another make: CSV and other text, "
-                                                ".mat, HDF5, Parquet; or folders of them.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILES",
+            help="Recordings of another make: CSV and other text, .mat, HDF5, Parquet; or folders of them.",
+        ),
+    ],
     out: OutOption = Path("campaign"),
-    actuator: Annotated[Path | None, typer.Option(metavar="FILE", help="TOML with [actuator] and [sensor.X]: geometry and "
-                                                  "accuracies, which no recording holds.")] = None,
-    copy: Annotated[bool, typer.Option("--copy", help="Copy the files into DIR instead of pointing at them.")] = False,
+    actuator: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="TOML with [actuator] and [sensor.X]: geometry and accuracies, which no recording holds.",
+        ),
+    ] = None,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Copy the files into DIR instead of pointing at them.")
+    ] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a campaign.toml that is there.")] = False,
-    answer: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="Answer to what a file leaves open, as named "
-                                                     "in its question; *:KEY for all files.")] = None,
+    answer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="Answer to what a file leaves open, as named in its question; *:KEY for all files.",
+        ),
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Look at recordings of another make and write their campaign.toml.
 
-    Finds delimiter, units, signs, sample rate, which column is what, where recordings begin and which kind each is; every
-    choice is written down with its reason. What the files do not decide is asked on a terminal. Without one it is named,
-    and what cannot do without an answer is commented out (exit status 2).
+    Finds delimiter, units, signs, sample rate, which column is what, where recordings begin and which kind each is;
+    every choice is written down with its reason. What the files do not decide is asked on a terminal. Without one it
+    is named, and what cannot do without an answer is commented out (exit status 2).
     """
     from ..errors import InputError
     from ..importing import answered, import_files, nobody
@@ -50,7 +67,9 @@ def import_(
     writable(out)
     # questions and a progress bar would write over each other
     with progress(quiet or json_output or there) as report:
-        done = import_files(files, out, answered(answers, _ask if there else nobody), actuator, copy, overwrite, report)
+        done = import_files(
+            files, out, answered(answers, _ask if there else nobody), actuator, copy, overwrite, report
+        )
     if json_output:
         import json
 
@@ -58,7 +77,7 @@ def import_(
 
         typer.echo(json.dumps(summary(done), indent=1, ensure_ascii=False))
     elif not quiet:
-        _show(done)
+        _show(done, actuator is not None)
     _leave(done)
 
 
@@ -67,8 +86,10 @@ def _leave(done: Imported) -> None:
 
     n = len(done.proposal.open)
     if n:
-        raise InputError(f"{n} matter{'s' if n > 1 else ''} could not be decided, and what needs them is commented out in "
-                         f"{done.toml}: {done.proposal.open[0]}" + (f" (and {n - 1} more)" if n > 1 else ""))
+        raise InputError(
+            f"{n} matter{'s' if n > 1 else ''} could not be decided, and what needs them is commented out in "
+            f"{done.toml}: {done.proposal.open[0]}" + (f" (and {n - 1} more)" if n > 1 else "")
+        )
     if done.unreadable is not None:
         raise InputError(f"{done.toml} was written, but cannot be read as a campaign: {done.unreadable}")
 
@@ -79,8 +100,11 @@ def _ask(question: Question) -> str | None:
 
     choices = f" ({', '.join(question.choices)})" if question.choices else " (a number)"
     while True:
-        text = typer.prompt(f"{question.key.partition(':')[0]}: {question.text}{choices}", default=question.fallback or "",
-                            show_default=question.fallback is not None)
+        text = typer.prompt(
+            f"{question.key.partition(':')[0]}: {question.text}{choices}",
+            default=question.fallback or "",
+            show_default=question.fallback is not None,
+        )
         if not str(text).strip():
             return None
         try:
@@ -89,7 +113,7 @@ def _ask(question: Question) -> str | None:
             typer.echo(str(error), err=True)
 
 
-def _show(done: Imported) -> None:
+def _show(done: Imported, given: bool) -> None:
     import textwrap
 
     proposal = done.proposal
@@ -101,21 +125,33 @@ def _show(done: Imported) -> None:
         typer.echo(f"... and {len(recordings) - 40} more")
     remarks = [f"{t.table.label}: {t.remark}" for t in proposal.reports if t.remark]
     left_out = [f"{p.name}: {why}" for p, why in proposal.skipped]
-    for heading, texts in (("Not recordings of an actuator", remarks), ("Left out", left_out),
-                           ("Assumed; please check", list(proposal.assumed)), ("Undecided", list(proposal.open)),
-                           ("Reading it says", list(done.warnings))):
+    for heading, texts in (
+        ("Not recordings of an actuator", remarks),
+        ("Left out", left_out),
+        ("Assumed; please check", list(proposal.assumed)),
+        ("Undecided", list(proposal.open)),
+        ("Reading it says", list(done.warnings)),
+    ):
         if not texts:
             continue
         typer.echo(f"\n{heading}:")
         for text in texts[:_MOST]:
-            typer.echo(textwrap.fill(text, 79, initial_indent="- ", subsequent_indent="  ", break_long_words=False,
-                                     break_on_hyphens=False))
+            typer.echo(
+                textwrap.fill(
+                    text,
+                    79,
+                    initial_indent="- ",
+                    subsequent_indent="  ",
+                    break_long_words=False,
+                    break_on_hyphens=False,
+                )
+            )
         if len(texts) > _MOST:
             typer.echo(f"- ... and {len(texts) - _MOST} more, all in {done.toml.name}")
     typer.echo(f"\nCampaign, with the reasons: {done.toml}")
     if recordings:
-        typer.echo(f"Fill in geometry and sensor accuracies there, then:\n  {done.call}")
+        typer.echo(f"{'Then' if given else 'Fill in geometry and sensor accuracies there, then'}:\n  {done.call}")
 
 
 def _cut(text: str, width: int) -> str:
-    return text if len(text) <= width else "..." + text[3 - width:]
+    return text if len(text) <= width else "..." + text[3 - width :]

@@ -10,5 +10,14 @@ from bayes_dea.importing.propose import Proposal, ProposedRecording, propose
 from bayes_dea.importing.run import Imported, import_files
 from bayes_dea.importing.sniff import sniff
 
-__all__ = ["Imported", "Proposal", "ProposedRecording", "Question", "answered", "import_files", "nobody", "propose",
-           "sniff"]
+__all__ = [
+    "Imported",
+    "Proposal",
+    "ProposedRecording",
+    "Question",
+    "answered",
+    "import_files",
+    "nobody",
+    "propose",
+    "sniff",
+]

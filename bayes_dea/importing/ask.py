@@ -12,7 +12,8 @@ from bayes_dea.errors import InputError
 class Question:
     """One matter that the file leaves open.
 
-    `key` names it for `--answer KEY=VALUE`. `choices` are the answers that are possible (empty: a number). `fallback` is
+    `key` names it for `--answer KEY=VALUE`. `choices` are the answers that are possible (empty: a number).
+    `fallback` is
     what is assumed, and said to be assumed, where nobody answers; None where the recording cannot do without an answer.
     """
 
@@ -54,9 +55,11 @@ def nobody(question: Question) -> str | None:
 
 def answered(answers: Mapping[str, str], otherwise: Asker = nobody) -> Asker:
     """Answers given beforehand, by key; a key may begin with "*" for all files ("*:rate_Hz")."""
+
     def ask(question: Question) -> str | None:
         for key in (question.key, f"*:{question.matter}"):
             if key in answers:
                 return question.check(answers[key])
         return otherwise(question)
+
     return ask

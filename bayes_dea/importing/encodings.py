@@ -29,8 +29,9 @@ def find_encoding(head: bytes, whole: bool) -> tuple[str, str]:
         pass
     high = re.findall(rb"[\x80-\xff]+", head)
     chinese = _decoded(head, "gbk", whole)
-    if chinese is not None and (any(word in chinese for word in _CHINESE)
-                                or all(len(run) % 2 == 0 and min(run) >= 0xA1 for run in high)):
+    if chinese is not None and (
+        any(word in chinese for word in _CHINESE) or all(len(run) % 2 == 0 and min(run) >= 0xA1 for run in high)
+    ):
         words = [word for word in _CHINESE if word in chinese]
         return "gbk", f"spells {words[0]} in GBK" if words else "its bytes come in pairs, as in GBK"
     western = head.decode("cp1252", errors="replace")

@@ -8,10 +8,15 @@ from collections.abc import Iterable, Mapping
 from bayes_dea.campaign.csv_source import to_float
 from bayes_dea.importing.words import parse_unit
 
-_INTERVAL = re.compile(r"sampl\w*[\s_]*(interval|period|time|step)|delta[\s_]*[xt]|^\s*(d[tx]|increment|xincr\w*|tinc|x_?inc"
-                       r"\w*|t_?s)\s*$|time[\s_]*step|abtast\w*(intervall|periode|zeit)|采样(间隔|周期)", re.IGNORECASE)
-_RATE = re.compile(r"sampl\w*[\s_]*(rate|freq\w*)|^\s*(f_?s|srate|rate|sampling)\s*$|abtast(rate|frequenz)|采样(率|频率)",
-                   re.IGNORECASE)
+_INTERVAL = re.compile(
+    r"sampl\w*[\s_]*(interval|period|time|step)|delta[\s_]*[xt]|^\s*(d[tx]|increment|xincr\w*|tinc|x_?inc"
+    r"\w*|t_?s)\s*$|time[\s_]*step|abtast\w*(intervall|periode|zeit)|采样(间隔|周期)",
+    re.IGNORECASE,
+)
+_RATE = re.compile(
+    r"sampl\w*[\s_]*(rate|freq\w*)|^\s*(f_?s|srate|rate|sampling)\s*$|abtast(rate|frequenz)|采样(率|频率)",
+    re.IGNORECASE,
+)
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "hour": 3600.0}
 
 

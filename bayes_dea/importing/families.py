@@ -18,7 +18,9 @@ _WORKED_UP = {"stress", "strain", "stretch", "frequency"}
 
 @dataclass(frozen=True)
 class Family:
-    """The columns of one recording: our name -> role. `name`: voltage, mechanical, blocked_force, capacitance, free, open."""
+    """The columns of one recording: our name -> role. `name`: voltage, mechanical, blocked_force, capacitance, free,
+    open.
+    """
 
     name: str
     columns: dict[str, Role]
@@ -34,7 +36,8 @@ def find_family(roles: Sequence[Role], time: Array, book: Notebook, rated: bool 
     lengths = [r for r in roles if r.quantity in ("displacement", "position")]
     forces = [r for r in roles if r.quantity == "force"]
     capacitances = [r for r in roles if r.quantity == "capacitance"]
-    extra = {"temperature_C": r for r in roles if r.quantity == "temperature" and r.dimension in (None, "temperature")}
+    warm = [r for r in roles if r.quantity == "temperature" and r.dimension in (None, "temperature")]
+    extra = {"temperature_C": warm[0]} if warm else {}
     unknown = [r for r in roles if r.quantity is None and span(r.values) > 0]
     have = {r.quantity for r in roles}
     if capacitances and lengths:
@@ -49,8 +52,13 @@ def find_family(roles: Sequence[Role], time: Array, book: Notebook, rated: bool 
         return Family("mechanical", {"position_m": chosen, "force_N": load, **extra})
     if voltages and forces:
         command = _command(voltages, time, book)
-        return Family("open", {}) if command is None else Family(
-            "blocked_force", {"voltage_V": command[0], "force_N": forces[0], **_measured(command), **extra})
+        return (
+            Family("open", {})
+            if command is None
+            else Family(
+                "blocked_force", {"voltage_V": command[0], "force_N": forces[0], **_measured(command), **extra}
+            )
+        )
     timed = rated or "time" in have
     nameless = all(r.column.source.name is None or r.column.source.index is not None for r in unknown)
     if unknown and not have & _WORKED_UP and (timed or nameless or voltages or lengths or forces):
@@ -65,15 +73,22 @@ def _mechanical(voltage: Role, length: Role, force: Role, time: Array, book: Not
         return True
     share = follows(time, voltage.values, length.values)[0]
     if share > 0.5:
-        book.reason(f"{length.column.label}: follows the square of the voltage ({100 * share:.3g} %); the force is left out")
+        book.reason(
+            f"{length.column.label}: follows the square of the voltage ({100 * share:.3g} %); the force is left out"
+        )
         return False
-    answer = book.question("test", "There are voltage, force and displacement, and the displacement does not follow the "
-                                   "voltage. What drives the test?", ("voltage", "position"))
+    answer = book.question(
+        "test",
+        "There are voltage, force and displacement, and the displacement does not follow the "
+        "voltage. What drives the test?",
+        ("voltage", "position"),
+    )
     return answer == "position"
 
 
-def _voltage_family(voltages: list[Role], lengths: list[Role], forces: list[Role], extra: dict[str, Role], time: Array,
-                    book: Notebook) -> Family:
+def _voltage_family(
+    voltages: list[Role], lengths: list[Role], forces: list[Role], extra: dict[str, Role], time: Array, book: Notebook
+) -> Family:
     command = _command(voltages, time, book)
     length = _one(lengths, "displacement", book)
     if command is None or length is None:
@@ -105,25 +120,39 @@ def _command(voltages: list[Role], time: Array, book: Notebook) -> tuple[Role, R
     commands = [v for v in voltages if v.variant == "command" or v.ours == "voltage_V"]
     readings = [v for v in voltages if v.variant == "measured"]
     if len(voltages) == 2 and len(commands) == 1 and len(readings) == 1:
-        book.reason(f'voltage_V is "{commands[0].column.label}", measured_voltage_V "{readings[0].column.label}", by their '
-                    "names")
+        book.reason(
+            f'voltage_V is "{commands[0].column.label}", measured_voltage_V "{readings[0].column.label}", by their '
+            "names"
+        )
         return commands[0], readings[0]
     if len(voltages) == 2:
         a, b = sorted(voltages, key=lambda v: scatter(v.values))
         alike = np.corrcoef(filled(a.values), filled(b.values))[0, 1] > 0.9
-        if alike and abs(span(a.values) / max(span(b.values), 1e-300) - 1.0) < 0.1 and a.unit == b.unit and (
-                scatter(a.values) < 0.3 * scatter(b.values)):
+        if (
+            alike
+            and abs(span(a.values) / max(span(b.values), 1e-300) - 1.0) < 0.1
+            and a.unit == b.unit
+            and (scatter(a.values) < 0.3 * scatter(b.values))
+        ):
             book.reason(f'voltage_V is "{a.column.label}": free of noise; "{b.column.label}" is its reading')
             return a, b
     names = tuple(v.column.label for v in voltages)
-    answer = book.question("voltage", f"Several columns are voltages: {', '.join(names)}. Which is the command to the "
-                                      "actuator?", names)
+    answer = book.question(
+        "voltage", f"Several columns are voltages: {', '.join(names)}. Which is the command to the actuator?", names
+    )
     chosen = next((v for v in voltages if v.column.label == answer), None)
     return None if chosen is None else (chosen, None)
 
 
-def _ask_for_columns(voltages: list[Role], lengths: list[Role], forces: list[Role], unknown: list[Role],
-                     extra: dict[str, Role], time: Array, book: Notebook) -> Family:
+def _ask_for_columns(
+    voltages: list[Role],
+    lengths: list[Role],
+    forces: list[Role],
+    unknown: list[Role],
+    extra: dict[str, Role],
+    time: Array,
+    book: Notebook,
+) -> Family:
     """Columns whose names say nothing: a person knows which is the voltage and which the answer."""
     names = tuple(r.column.label for r in unknown)
     said = ", ".join(f'"{n}"' for n in names)
@@ -146,6 +175,11 @@ def _ask_for_columns(voltages: list[Role], lengths: list[Role], forces: list[Rol
 
 
 def _free(roles: Sequence[Role]) -> Family:
-    kinds = ", ".join(dict.fromkeys(str(r.quantity or f'"{r.column.label}"') for r in roles
-                                    if r.quantity not in ("index", "run", "other time", "date")))
+    kinds = ", ".join(
+        dict.fromkeys(
+            str(r.quantity or f'"{r.column.label}"')
+            for r in roles
+            if r.quantity not in ("index", "run", "other time", "date")
+        )
+    )
     return Family("free", {}, f"no recording of an actuator that we know: it holds {kinds}")

@@ -12,8 +12,16 @@ from bayes_dea.campaign.format_map import FormatMap
 from bayes_dea.errors import InputError
 
 #: tried in this order; of two that read equally many columns the first wins
-_CANDIDATES = ((";", ","), (";", "."), ("\t", "."), ("\t", ","), (",", "."), ("|", "."), ("whitespace", "."),
-               ("whitespace", ","))
+_CANDIDATES = (
+    (";", ","),
+    (";", "."),
+    ("\t", "."),
+    ("\t", ","),
+    (",", "."),
+    ("|", "."),
+    ("whitespace", "."),
+    ("whitespace", ","),
+)
 _DELIMITER_NAMES = {"\t": "tab", "whitespace": "white space"}
 _BODY_ROWS = 200
 
@@ -79,7 +87,7 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     Raises InputError for commas that separate and stand for the decimal point at once.
     """
     filled = [i for i, line in enumerate(lines) if line.strip()]
-    body = [lines[i] for i in filled[max(len(filled) // 3, len(filled) - _BODY_ROWS):]]
+    body = [lines[i] for i in filled[max(len(filled) // 3, len(filled) - _BODY_ROWS) :]]
     if len(body) < 2:
         return None
     best: tuple[float, str, str, tuple[str, ...]] | None = None
@@ -138,18 +146,17 @@ def _fits(cells: Sequence[str], decimal: str, kinds: Sequence[str]) -> bool:
             if to_float(cell, decimal) is None:
                 return False
             filled += bool(cell)
-        elif kind not in ("text", "empty") and cell:
-            # one cell is enough to tell a time from a heading
-            if not any(ch.isdigit() for ch in cell) or ":" not in cell:
-                return False
+        elif kind not in ("text", "empty") and cell and (":" not in cell or not any(ch.isdigit() for ch in cell)):
+            return False  # a heading above a column of times
     return filled > 0
 
 
-def _first_row(lines: Sequence[str], filled: Sequence[int], delimiter: str, decimal: str,
-               kinds: Sequence[str]) -> int | None:
+def _first_row(
+    lines: Sequence[str], filled: Sequence[int], delimiter: str, decimal: str, kinds: Sequence[str]
+) -> int | None:
     good = [_fits(cells_of(lines[i], delimiter), decimal, kinds) for i in filled]
     for k, i in enumerate(filled):
-        following = good[k:k + 5]
+        following = good[k : k + 5]
         if len(following) >= 2 and all(following):
             return i
     return None
@@ -160,11 +167,14 @@ def _refuse_two_commas(lines: Sequence[str], filled: Sequence[int], first: int, 
     rows = [cells_of(lines[i], ",") for i in filled if i >= first][:50]
     whole = all(re.fullmatch(r"-?\d+", c) for r in rows for c in r if c)
     if above and whole and len(kinds) >= 4 and len(cells_of(lines[above[-1]], ",")) * 2 == len(kinds):
-        raise InputError("commas separate the cells and stand for the decimal point at once, so that no program can "
-                         "tell them apart. Export it again with semicolons, or with decimal points.")
+        raise InputError(
+            "commas separate the cells and stand for the decimal point at once, so that no program can "
+            "tell them apart. Export it again with semicolons, or with decimal points."
+        )
 
 
 def rows_format(layout: Layout, encoding: str, skip_rows: int, header: int) -> FormatMap:
     """The format map of a text file without its columns."""
-    return FormatMap(delimiter=layout.delimiter, decimal=layout.decimal, encoding=encoding, skip_rows=skip_rows,
-                     header=header)
+    return FormatMap(
+        delimiter=layout.delimiter, decimal=layout.decimal, encoding=encoding, skip_rows=skip_rows, header=header
+    )

@@ -28,7 +28,9 @@ class Notebook:
         if text not in self.assumed:
             self.assumed.append(text)
 
-    def question(self, matter: str, text: str, choices: tuple[str, ...] = (), fallback: str | None = None) -> str | None:
+    def question(
+        self, matter: str, text: str, choices: tuple[str, ...] = (), fallback: str | None = None
+    ) -> str | None:
         """An answer to what the file leaves open, or the fallback, or None; whichever it is, it is noted."""
         question = Question(f"{self.label}:{matter}", text, choices, fallback)
         self.asked += 1

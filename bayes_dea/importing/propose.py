@@ -1,4 +1,6 @@
-"""Tables -> recordings with kind, columns, units, signs and rows, each with its reasons; questions where nothing decides."""
+"""Tables -> recordings with kind, columns, units, signs and rows, each with its reasons; questions where nothing
+decides.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,17 @@ from bayes_dea.importing.words import parse_unit
 
 #: kind of what is no recording of a DEA: only a model of the user's own reads it
 FREE_KIND = "other"
-_FREE_UNITS = {"voltage": "V", "length": "m", "force": "N", "stress": "Pa", "temperature": "C", "current": "A",
-               "capacitance": "F", "frequency": "Hz", "time": "s"}
+_FREE_UNITS = {
+    "voltage": "V",
+    "length": "m",
+    "force": "N",
+    "stress": "Pa",
+    "temperature": "C",
+    "current": "A",
+    "capacitance": "F",
+    "frequency": "Hz",
+    "time": "s",
+}
 
 
 @dataclass(frozen=True)
@@ -95,11 +106,16 @@ class Proposal:
         return tuple(f"{r.table.label}: {text}" for r in self.reports for text in r.assumed)
 
 
-def propose(tables: Sequence[RawTable], ask: Asker = nobody, actuator: Actuator | None = None,
-            skipped: Sequence[tuple[Path, str]] = ()) -> Proposal:
+def propose(
+    tables: Sequence[RawTable],
+    ask: Asker = nobody,
+    actuator: Actuator | None = None,
+    skipped: Sequence[tuple[Path, str]] = (),
+) -> Proposal:
     """Proposes the recordings of some tables.
 
-    `ask` answers what the files leave open; where it gives None the fallback is taken and said, or the recording is left
+    `ask` answers what the files leave open; where it gives None the fallback is taken and said, or the recording is
+    left
     unusable. `actuator` narrows units by what it can do. Raises InputError for an answer that makes no sense.
     """
     known = actuator or Actuator()
@@ -135,7 +151,9 @@ def _one_table(table: RawTable, ask: Asker, actuator: Actuator) -> TableReport:
     family = find_family(roles, clock, book, table.rate_Hz is not None)
     for role in roles:
         if role.quantity is not None and role.column.label not in (None, ""):
-            book.reason(f"{role.column.label}: {role.quantity}{f' ({role.variant})' if role.variant else ''}, {role.why}")
+            book.reason(
+                f"{role.column.label}: {role.quantity}{f' ({role.variant})' if role.variant else ''}, {role.why}"
+            )
     recordings: tuple[ProposedRecording, ...] = ()
     remark = family.why
     if family.name == "free":
@@ -143,12 +161,26 @@ def _one_table(table: RawTable, ask: Asker, actuator: Actuator) -> TableReport:
         remark += more
     elif family.name != "open":
         recordings = _recordings(table, roles, family, clock, book, actuator)
-    unused = [r.column.label for r in roles if r.quantity is None and span(r.values) > 0
-              and not any(r.column is u.column for u in family.columns.values())]
+    unused = [
+        r.column.label
+        for r in roles
+        if r.quantity is None
+        and span(r.values) > 0
+        and not any(r.column is u.column for u in family.columns.values())
+    ]
     if unused and family.name not in ("free", "open"):
         book.reason(f"not used, because nothing says what they are: {', '.join(unused)}")
-    return TableReport(table, tuple(roles), family.name, remark, tuple(book.reasons), tuple(book.assumed),
-                       tuple(book.open), recordings, book.asked)
+    return TableReport(
+        table,
+        tuple(roles),
+        family.name,
+        remark,
+        tuple(book.reasons),
+        tuple(book.assumed),
+        tuple(book.open),
+        recordings,
+        book.asked,
+    )
 
 
 def _raw_time(roles: Sequence[Role], table: RawTable) -> Array:
@@ -159,8 +191,9 @@ def _raw_time(roles: Sequence[Role], table: RawTable) -> Array:
     return np.arange(table.rows, dtype=np.float64) / (table.rate_Hz or 1.0)
 
 
-def _recordings(table: RawTable, roles: Sequence[Role], family: Family, clock: Array, book: Notebook,
-                actuator: Actuator) -> tuple[ProposedRecording, ...]:
+def _recordings(
+    table: RawTable, roles: Sequence[Role], family: Family, clock: Array, book: Notebook, actuator: Actuator
+) -> tuple[ProposedRecording, ...]:
     columns: dict[str, ColumnMap] = {}
     decided = True
     needs_time = family.name != "capacitance" or any(r.quantity == "time" for r in roles)
@@ -176,8 +209,11 @@ def _recordings(table: RawTable, roles: Sequence[Role], family: Family, clock: A
             columns[own] = column
         elif own != "temperature_C":
             decided = False
-    values = {own: to_si(family.columns[own].values, replace(c, sign=1), own, table.label)
-              for own, c in columns.items() if own in family.columns}
+    values = {
+        own: to_si(family.columns[own].values, replace(c, sign=1), own, table.label)
+        for own, c in columns.items()
+        if own in family.columns
+    }
     time = _si_time(columns.get("time_s"), roles, table, clock)
     columns, values, shape_kind = _signed(table, family, columns, values, time, book)
     if not decided:
@@ -195,8 +231,14 @@ def _si_time(column: ColumnMap | None, roles: Sequence[Role], table: RawTable, c
     return to_si(role.values, column, "time_s", table.label) if role is not None else clock
 
 
-def _signed(table: RawTable, family: Family, columns: dict[str, ColumnMap], values: dict[str, Array], time: Array,
-            book: Notebook) -> tuple[dict[str, ColumnMap], dict[str, Array], str | None]:
+def _signed(
+    table: RawTable,
+    family: Family,
+    columns: dict[str, ColumnMap],
+    values: dict[str, Array],
+    time: Array,
+    book: Notebook,
+) -> tuple[dict[str, ColumnMap], dict[str, Array], str | None]:
     """Columns and values with their signs, and the kind where mechanics decide it."""
     signs: dict[str, int] = {}
     kind: str | None = None
@@ -205,8 +247,15 @@ def _signed(table: RawTable, family: Family, columns: dict[str, ColumnMap], valu
         answer = "displacement_m" if family.name == "voltage" else "force_N"
         if answer in values and "voltage_V" in values:
             role = roles[answer]
-            signs[answer] = answer_sign(time, values["voltage_V"], values[answer], role.column.label,
-                                        role.ours is not None, book, answer.rsplit("_", 1)[0])
+            signs[answer] = answer_sign(
+                time,
+                values["voltage_V"],
+                values[answer],
+                role.column.label,
+                role.ours is not None,
+                book,
+                answer.rsplit("_", 1)[0],
+            )
             if family.name == "voltage" and role.ours is None:
                 columns[answer] = _zeroed(columns[answer], role, book)
     elif family.name == "mechanical" and {"position_m", "force_N"} <= values.keys():
@@ -214,13 +263,20 @@ def _signed(table: RawTable, family: Family, columns: dict[str, ColumnMap], valu
         kind = shape.kind
         book.reason(f"{kind}: {shape.why}")
         if roles["position_m"].ours is None or roles["force_N"].ours is None:
-            words = [table.path.name, *table.path.resolve().parent.parts[-2:], *(r.column.label for r in roles.values()),
-                     *table.facts.values(), *table.facts.keys()]
-            signs["position_m"], signs["force_N"] = mechanical_signs(values["position_m"], values["force_N"], kind,
-                                                                      words, book)
+            words = [
+                table.path.name,
+                *table.path.resolve().parent.parts[-2:],
+                *(r.column.label for r in roles.values()),
+                *table.facts.values(),
+                *table.facts.keys(),
+            ]
+            signs["position_m"], signs["force_N"] = mechanical_signs(
+                values["position_m"], values["force_N"], kind, words, book
+            )
         if kind == "load":
-            for each in (columns, values, signs):
-                each["displacement_m"] = each.pop("position_m", 1)  # type: ignore[attr-defined]
+            columns["displacement_m"] = columns.pop("position_m")
+            values["displacement_m"] = values.pop("position_m")
+            signs["displacement_m"] = signs.pop("position_m", 1)
     for own, sign in signs.items():
         if sign < 0 and own in columns:
             columns[own] = replace(columns[own], sign=-columns[own].sign)
@@ -232,13 +288,23 @@ def _zeroed(column: ColumnMap, role: Role, book: Notebook) -> ColumnMap:
     """A distance far from zero begins at zero: the zero of a displacement is free anyway."""
     first = role.values[np.isfinite(role.values)][:1]
     if first.size and abs(float(first[0])) > 2.0 * span(role.values):
-        book.reason(f"{role.column.label}: begins at {first[0]:.6g}, far from zero, so it counts from its first value")
+        book.reason(
+            f"{role.column.label}: begins at {first[0]:.6g}, far from zero, so it counts from its first value"
+        )
         return replace(column, offset="first")
     return column
 
 
-def _split(table: RawTable, roles: Sequence[Role], family: Family, columns: dict[str, ColumnMap],
-           values: dict[str, Array], time: Array, kind: str | None, book: Notebook) -> tuple[ProposedRecording, ...]:
+def _split(
+    table: RawTable,
+    roles: Sequence[Role],
+    family: Family,
+    columns: dict[str, ColumnMap],
+    values: dict[str, Array],
+    time: Array,
+    kind: str | None,
+    book: Notebook,
+) -> tuple[ProposedRecording, ...]:
     run = next((r.values for r in roles if r.quantity == "run" and _like_runs(r.values)), None)
     has_time = "time_s" in columns
     parts = split_rows(time if has_time else None, run, table.rows)
@@ -248,8 +314,10 @@ def _split(table: RawTable, roles: Sequence[Role], family: Family, columns: dict
         parts = [p for whole in parts for p in split_pauses(time, values["voltage_V"], whole)]
     short = [p for p in parts if p.last - p.first < (MIN_ROWS if has_time else 3)]
     if short and len(parts) > len(short):
-        book.assume(f"{len(short)} piece{'s' if len(short) > 1 else ''} of fewer than {MIN_ROWS} rows left out, the first at "
-                    f"row {short[0].first + 1}.")
+        book.assume(
+            f"{len(short)} piece{'s' if len(short) > 1 else ''} of fewer than {MIN_ROWS} rows left out, the first at "
+            f"row {short[0].first + 1}."
+        )
         parts = [p for p in parts if p not in short]
     out = []
     for k, part in enumerate(parts, start=1):
@@ -263,11 +331,23 @@ def _split(table: RawTable, roles: Sequence[Role], family: Family, columns: dict
 def _like_runs(values: Array) -> bool:
     finite = values[np.isfinite(values)]
     changes = int(np.count_nonzero(np.diff(finite)))
-    return finite.size == values.size and bool(np.all(finite == np.round(finite))) and changes < finite.size / MIN_ROWS
+    return (
+        finite.size == values.size and bool(np.all(finite == np.round(finite))) and changes < finite.size / MIN_ROWS
+    )
 
 
-def _build(table: RawTable, family: Family, columns: dict[str, ColumnMap], values: dict[str, Array], time: Array,
-           part: Part, number: int | None, kind: str | None, book: Notebook, usable: bool) -> ProposedRecording:
+def _build(
+    table: RawTable,
+    family: Family,
+    columns: dict[str, ColumnMap],
+    values: dict[str, Array],
+    time: Array,
+    part: Part,
+    number: int | None,
+    kind: str | None,
+    book: Notebook,
+    usable: bool,
+) -> ProposedRecording:
     cut = slice(part.first, part.last)
     t = time[cut]
     shape = _kind(family, values, t, cut, kind)
@@ -290,16 +370,33 @@ def _build(table: RawTable, family: Family, columns: dict[str, ColumnMap], value
         noise = scatter(values["voltage_V"][cut])
         if role.variant != "command" and is_reading(values["voltage_V"][cut]):
             hold = "linear"
-            book.reason(f"hold = linear: the voltage scatters by {noise:.2g} V, so it is a reading taken together with the "
-                        "answer, not a command")
+            book.reason(
+                f"hold = linear: the voltage scatters by {noise:.2g} V, so it is a reading taken together with the "
+                "answer, not a command"
+            )
     rate, even = rate_of(t) if "time_s" in columns and t.size > 1 else (0.0, False)
     duration = float(t[-1] - t[0]) if t.size else 0.0
-    noises = {own: (scatter(v[cut]), step_between(v[cut])) for own, v in values.items()
-              if own in ("displacement_m", "force_N", "position_m")}
+    noises = {
+        own: (scatter(v[cut]), step_between(v[cut]))
+        for own, v in values.items()
+        if own in ("displacement_m", "force_N", "position_m")
+    }
     return ProposedRecording(
-        table.path, name, shape.kind, replace(table.format, rows=rows, columns=MappingProxyType(dict(columns))),
-        part.last - part.first, rate, even, duration, hold, not part.continued, part.rest_s if part.continued else None,
-        (), usable, MappingProxyType(noises))
+        table.path,
+        name,
+        shape.kind,
+        replace(table.format, rows=rows, columns=MappingProxyType(dict(columns))),
+        part.last - part.first,
+        rate,
+        even,
+        duration,
+        hold,
+        not part.continued,
+        part.rest_s if part.continued else None,
+        (),
+        usable,
+        MappingProxyType(noises),
+    )
 
 
 def _dotted(part: str) -> str:
@@ -319,10 +416,14 @@ def _kind(family: Family, values: dict[str, Array], t: Array, cut: slice, kind: 
 # -- what is no recording of ours -------------------------------------------------------------------------------------
 
 
-def _free_recordings(table: RawTable, roles: Sequence[Role], book: Notebook) -> tuple[tuple[ProposedRecording, ...], str]:
+def _free_recordings(
+    table: RawTable, roles: Sequence[Role], book: Notebook
+) -> tuple[tuple[ProposedRecording, ...], str]:
     """A recording of a free kind with the columns under names of their own; none where there is no time."""
     role = next((r for r in roles if r.quantity == "time"), None)
-    others = [r for r in roles if r.quantity not in ("time", "index", "run", "other time", "date") and span(r.values) > 0]
+    others = [
+        r for r in roles if r.quantity not in ("time", "index", "run", "other time", "date") and span(r.values) > 0
+    ]
     if role is None and table.rate_Hz is None:
         return (), "; without times it cannot be a recording at all"
     if not others:

@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 
 #: smallest and largest span in SI that a column of this quantity has in practice
 PLAUSIBLE: dict[str, tuple[float, float]] = {
-    "voltage": (50.0, 2.0e4),        # below 50 V nothing moves, above 20 kV there is no amplifier
-    "displacement": (1e-7, 1e-2),    # strokes of stacks and films, also at a tenth of the voltage
-    "position": (2e-5, 0.5),         # testing machines
+    "voltage": (50.0, 2.0e4),  # below 50 V nothing moves, above 20 kV there is no amplifier
+    "displacement": (1e-7, 1e-2),  # strokes of stacks and films, also at a tenth of the voltage
+    "position": (2e-5, 0.5),  # testing machines
     "force": (1e-3, 2e3),
     "capacitance": (1e-12, 1e-4),
 }
@@ -46,8 +46,11 @@ def unit_by_range(quantity: str, values: Array) -> UnitGuess:
     if quantity == "voltage" and "V" in fitting and "kV" in fitting:
         fitting = ("V",) if size > 20.0 else fitting
     what = "reaches" if quantity in ("voltage", "capacitance") else "spans"
-    return UnitGuess(fitting, f"{what} {size:.4g}, in practice {low:g} to {high:g} {'V' if quantity == 'voltage' else ''}"
-                     .rstrip() + {"displacement": " m", "position": " m", "force": " N", "capacitance": " F"}.get(quantity, ""))
+    return UnitGuess(
+        fitting,
+        f"{what} {size:.4g}, in practice {low:g} to {high:g} {'V' if quantity == 'voltage' else ''}".rstrip()
+        + {"displacement": " m", "position": " m", "force": " N", "capacitance": " F"}.get(quantity, ""),
+    )
 
 
 @dataclass(frozen=True)

@@ -57,33 +57,46 @@ def _by_name(column: RawColumn) -> Role:
     if column.clock:
         return Role(column, "time", "said", "time written as date or clock", unit=None, dimension="time")
     if column.label in KNOWN_COLUMNS:
-        quantity = {"measured_voltage_V": "voltage"}.get(column.label, column.label.rsplit("_", 1)[0])
-        return Role(column, quantity, "said", "has the project's own name",
-                    "measured" if column.label == "measured_voltage_V" else None, said.unit, said.dimension,
-                    ours=column.label)
+        own = {"measured_voltage_V": "voltage"}.get(column.label, column.label.rsplit("_", 1)[0])
+        return Role(
+            column,
+            own,
+            "said",
+            "has the project's own name",
+            "measured" if column.label == "measured_voltage_V" else None,
+            said.unit,
+            said.dimension,
+            ours=column.label,
+        )
     quantity, unit, dimension = said.quantity, said.unit, said.dimension
-    named = column.source.name is not None and column.source.index is None  # "column 3" is our own word, "CH3" a recorder's
-    common = {"variant": said.variant, "unit": unit, "dimension": dimension, "distance": said.distance,
-              "channel": said.channel and named}
+    # "column 3" is our own word, "CH3" is a recorder's
+    named = column.source.name is not None and column.source.index is None
+    nothing = Role(
+        column,
+        None,
+        "unknown",
+        f'"{column.label}" says nothing we know',
+        said.variant,
+        unit,
+        dimension,
+        distance=said.distance,
+        channel=said.channel and named,
+    )
     if dimension is not None and quantity is not None and dimension not in DIMENSIONS.get(quantity, (dimension,)):
         if dimension == "voltage" and quantity in ("displacement", "position", "force", "temperature"):
-            return Role(column, quantity, "said", f'named "{column.label}" but given in {unit}: the output of a sensor',
-                        raw_volts=True, **common)  # type: ignore[arg-type]
-        by_unit = BY_DIMENSION.get(dimension)
-        if said.weak and by_unit is not None:
-            return Role(column, by_unit, "said", f"unit {unit}", **common)  # type: ignore[arg-type]
-        return Role(column, None, "unknown", f'"{column.label}" and its unit {unit} contradict each other',
-                    **common)  # type: ignore[arg-type]
-    if common["channel"] and dimension in (None, "voltage"):
-        return Role(column, None, "unknown", f'"{column.label}" is a channel of a recorder; what was connected is not said',
-                    **common)  # type: ignore[arg-type]
+            why = f'named "{column.label}" but given in {unit}: the output of a sensor'
+            return replace(nothing, quantity=quantity, level="said", why=why, raw_volts=True)
+        if said.weak and dimension in BY_DIMENSION:
+            return replace(nothing, quantity=BY_DIMENSION[dimension], level="said", why=f"unit {unit}")
+        return replace(nothing, why=f'"{column.label}" and its unit {unit} contradict each other')
+    if nothing.channel and dimension in (None, "voltage"):
+        return replace(nothing, why=f'"{column.label}" is a channel of a recorder; what was connected is not said')
     if quantity is not None:
         why = f'named "{column.label}"' + (f", {column.unit_from} {unit}" if column.unit_from and unit else "")
-        return Role(column, quantity, "said", why, weak=said.weak, **common)  # type: ignore[arg-type]
+        return replace(nothing, quantity=quantity, level="said", why=why, weak=said.weak)
     if dimension in BY_DIMENSION:
-        return Role(column, BY_DIMENSION[str(dimension)], "inferred", f"unit {unit}", **common)  # type: ignore[arg-type]
-    nothing = f'"{column.label}" says nothing we know'
-    return Role(column, None, "unknown", nothing, **common)  # type: ignore[arg-type]
+        return replace(nothing, quantity=BY_DIMENSION[str(dimension)], level="inferred", why=f"unit {unit}")
+    return nothing
 
 
 def rises(values: Array) -> bool:
@@ -99,23 +112,50 @@ def rises(values: Array) -> bool:
 def _one_time(roles: list[Role]) -> list[Role]:
     """One time column: a clock or a named one that rises; the others are put aside. A nameless one by its steps."""
     named = [r for r in roles if r.quantity == "time" and rises(r.values)]
-    out = [r if r.quantity != "time" or r in named else replace(r, quantity=None, level="unknown",
-                                                                why="named like a time but does not rise") for r in roles]
+    out = [
+        r
+        if r.quantity != "time" or r in named
+        else replace(r, quantity=None, level="unknown", why="named like a time but does not rise")
+        for r in roles
+    ]
     if named:
         best = min(named, key=lambda r: (r.ours is None, r.unit is None and not r.column.clock, r.weak))
-        return [r if r is best or r.quantity != "time" else replace(r, quantity="other time", level="inferred",
-                                                                    why="a second time column") for r in out]
-    even = [r for r in out if r.quantity is None and not r.channel and r.dimension in (None, "time") and rises(r.values)
-            and _even(r.values)]
-    worked_up = {r.quantity for r in out} & {"stress", "strain", "stretch"}  # a ramp of a stretch is as even as a clock
+        return [
+            r
+            if r is best or r.quantity != "time"
+            else replace(r, quantity="other time", level="inferred", why="a second time column")
+            for r in out
+        ]
+    even = [
+        r
+        for r in out
+        if r.quantity is None
+        and not r.channel
+        and r.dimension in (None, "time")
+        and rises(r.values)
+        and _even(r.values)
+    ]
+    worked_up = {r.quantity for r in out} & {
+        "stress",
+        "strain",
+        "stretch",
+    }  # a ramp of a stretch is as even as a clock
     moving = [r for r in even if not clock_unit(r.values).count and not worked_up and _like_clock(r.values)]
     if len(moving) == 1:
         found = moving[0]
-        return [replace(r, quantity="time", level="inferred", why="rises in even steps, as only time does")
-                if r is found else r for r in out]
+        return [
+            replace(r, quantity="time", level="inferred", why="rises in even steps, as only time does")
+            if r is found
+            else r
+            for r in out
+        ]
     if even:
-        return [replace(r, quantity="index", level="inferred", why="counts rows") if r in even and clock_unit(r.values).count else r
-                for r in out]
+        return [
+            replace(r, quantity="index", level="inferred", why="counts rows")
+            if r in even and clock_unit(r.values).count
+            else r
+            for r in out
+        ]
     return out
 
 
@@ -133,11 +173,18 @@ def _like_clock(values: Array) -> bool:
         return False
     rate = 1.0 / step
     digits = step / 10.0 ** np.floor(np.log10(step))
-    return bool(abs(rate - round(rate)) < 1e-3 * rate or min(abs(digits - d) for d in (1.0, 2.0, 2.5, 4.0, 5.0)) < 1e-3)
+    return bool(
+        abs(rate - round(rate)) < 1e-3 * rate or min(abs(digits - d) for d in (1.0, 2.0, 2.5, 4.0, 5.0)) < 1e-3
+    )
 
 
 def _count_is_no_length(role: Role) -> Role:
-    if role.weak and role.quantity in ("displacement", "voltage") and rises(role.values) and clock_unit(role.values).count:
+    if (
+        role.weak
+        and role.quantity in ("displacement", "voltage")
+        and rises(role.values)
+        and clock_unit(role.values).count
+    ):
         return replace(role, quantity="index", level="inferred", why="counts rows")
     return role
 
@@ -145,7 +192,9 @@ def _count_is_no_length(role: Role) -> Role:
 def _by_course(roles: list[Role]) -> list[Role]:
     """Names for what is left: of two nameless columns the one whose square the other follows is the command."""
     time = next((r for r in roles if r.quantity == "time"), None)
-    nameless = [r for r in roles if r.quantity is None and r.dimension is None and span(r.values) > 0 and not r.channel]
+    nameless = [
+        r for r in roles if r.quantity is None and r.dimension is None and span(r.values) > 0 and not r.channel
+    ]
     have = {r.quantity for r in roles}
     if not nameless or have & {"force", "position", "stress", "strain", "stretch"}:
         return roles
@@ -167,12 +216,20 @@ def _by_course(roles: list[Role]) -> list[Role]:
     out = []
     for r in roles:
         if r is cause and r.quantity is None:
-            r = replace(r, quantity="voltage", level="inferred",
-                        why=f"reaches {np.nanmax(np.abs(r.values)):.4g}, and its square explains {100 * share:.3g} % of "
-                            "the other column")
+            r = replace(
+                r,
+                quantity="voltage",
+                level="inferred",
+                why=f"reaches {np.nanmax(np.abs(r.values)):.4g}, and its square explains {100 * share:.3g} % of "
+                "the other column",
+            )
         elif r is effect and r.quantity is None:
-            r = replace(r, quantity="displacement", level="inferred",
-                        why=f"follows the square of the voltage ({100 * share:.3g} %)")
+            r = replace(
+                r,
+                quantity="displacement",
+                level="inferred",
+                why=f"follows the square of the voltage ({100 * share:.3g} %)",
+            )
         out.append(r)
     return out
 
@@ -187,4 +244,3 @@ def _drives(clock: Array, cause: Role, effect: Role) -> bool:
     # an answer that has few digits looks as quiet as a command: it must also not explain the command as well
     missed, missed_back = 1.0 - follows(clock, a, b)[0], 1.0 - follows(clock, b, a)[0]
     return missed < 0.2 and missed < 0.3 * missed_back
-

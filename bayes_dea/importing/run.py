@@ -7,6 +7,7 @@ import shutil
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,9 @@ _ENDING_OF = {"mat": ".mat", "hdf5": ".h5", "parquet": ".parquet"}
 
 @dataclass(frozen=True)
 class Imported:
-    """What `import_files` did: the proposal, the file it wrote, how to read it (with which data root), what reading it said."""
+    """What `import_files` did: the proposal, the file it wrote, how to read it (with which data root), what reading
+    it said.
+    """
 
     proposal: Proposal
     toml: Path
@@ -47,29 +50,29 @@ class Imported:
         return not self.proposal.open and self.unreadable is None
 
 
-def find_files(given: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """(files, those that were named one by one); folders yield what looks like recordings, in order of their names.
+def find_files(given: Sequence[Path]) -> list[Path]:
+    """The files; folders yield what looks like recordings, in order of their names.
 
     Raises InputError for a path that is not there.
     """
     files: list[Path] = []
-    named: list[Path] = []
     for path in given:
         if path.is_dir():
             found = sorted(p for p in path.rglob("*") if p.is_file() and p.suffix.lower() in _ENDINGS)
             if not found:
-                raise InputError(f"{path}: the folder holds no files of a known kind ({', '.join(_ENDINGS)}). Name the files "
-                                 "themselves.")
+                raise InputError(
+                    f"{path}: the folder holds no files of a known kind ({', '.join(_ENDINGS)}). Name the files "
+                    "themselves."
+                )
             files += found
         elif path.is_file():
             files.append(path)
-            named.append(path)
         else:
             raise InputError(f"{path}: there is no such file or folder.")
     unique = list({p.resolve(): p for p in files}.values())
     if not unique:
         raise InputError("No file was given. Name the files of the recordings, or the folder that holds them.")
-    return unique, named
+    return unique
 
 
 def read_tables(path: Path | None) -> tuple[dict[str, Any], Actuator]:
@@ -82,23 +85,34 @@ def read_tables(path: Path | None) -> tuple[dict[str, Any], Actuator]:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"--actuator {path}: this is no valid TOML ({error}). Correct that line.") from None
-    kept = {k: v for k, v in content.items() if k not in ("recording", "format", "hold", "name")}  # of a whole campaign
+    kept = {
+        k: v for k, v in content.items() if k not in ("recording", "format", "hold", "name")
+    }  # of a whole campaign
     check_keys(kept, _TABLES, f"--actuator {path.name}")
     return kept, parse_actuator(kept.get("actuator", {}), f"{path.name}, [actuator]")
 
 
-def import_files(given: Sequence[Path], out: Path, ask: Asker = nobody, actuator: Path | None = None, copy: bool = False,
-                 overwrite: bool = False, report: Callable[[str, float, float, str], None] | None = None) -> Imported:
+def import_files(
+    given: Sequence[Path],
+    out: Path,
+    ask: Asker = nobody,
+    actuator: Path | None = None,
+    copy: bool = False,
+    overwrite: bool = False,
+    report: Callable[[str, float, float, str], None] | None = None,
+) -> Imported:
     """Looks at files, writes `out`/campaign.toml and reads it back.
 
-    `ask` answers what the files leave open. `copy` copies the files into `out`, otherwise the campaign points at them where
-    they lie (below the data root in the call). Raises InputError for files that are not there, that are damaged, or where no
+    `ask` answers what the files leave open. `copy` copies the files into `out`, otherwise the campaign points at
+    them where
+    they lie (below the data root in the call). Raises InputError for files that are not there, that are damaged, or
+    where no
     file holds a table of numbers; and where `out` holds a campaign already and `overwrite` is not said.
     """
     toml = out / TOML_NAME
     if toml.exists() and not overwrite:
         raise InputError(f"{toml}: is there already. Give another --out, or --overwrite to replace it.")
-    files, named = find_files(given)
+    files = find_files(given)
     tables, known = read_tables(actuator)
     found: list[RawTable] = []
     skipped: list[tuple[Path, str]] = []
@@ -150,13 +164,17 @@ def _with_types(proposal: Proposal) -> Proposal:
         path = report.table.path
         kind = file_type(path, FormatMap())
         silent = kind != "csv" and path.suffix.lower() not in (_ENDING_OF[kind], ".hdf5", ".pq", ".hdf")
-        recordings = tuple(replace(r, format=replace(r.format, type=kind)) if silent else r for r in report.recordings)
+        recordings = tuple(
+            replace(r, format=replace(r.format, type=kind)) if silent else r for r in report.recordings
+        )
         reports.append(replace(report, recordings=recordings))
     return replace(proposal, reports=tuple(reports))
 
 
 def _copy(paths: Sequence[Path], out: Path) -> dict[Path, str]:
-    """Copies of the files in `out`, whole or not at all; equal names get a number. Nothing of another content is replaced."""
+    """Copies of the files in `out`, whole or not at all; equal names get a number. Nothing of another content is
+    replaced.
+    """
     names: dict[Path, str] = {}
     for path in paths:
         name, k = path.name, 2
@@ -165,7 +183,7 @@ def _copy(paths: Sequence[Path], out: Path) -> dict[Path, str]:
         names[path] = name
         target = out / name
         if not target.exists():
-            write_atomic(target, lambda temporary, source=path: shutil.copyfile(source, temporary))  # type: ignore[misc]
+            write_atomic(target, partial(shutil.copyfile, path))
     return names
 
 
@@ -191,11 +209,34 @@ def _read_back(toml: Path, root: Path | None, proposal: Proposal) -> tuple[tuple
 def summary(done: Imported) -> Mapping[str, Any]:
     """The import as plain types, for --json."""
     p = done.proposal
-    return {"campaign": str(done.toml), "call": done.call, "complete": done.complete,
-            "recordings": [{"file": str(r.path), "name": r.label, "kind": r.kind, "rows": r.rows, "rate_Hz": r.rate_Hz,
-                            "usable": r.usable, "columns": {own: c.describe() for own, c in r.format.columns.items()}}
-                           for r in p.recordings],
-            "tables": [{"file": str(t.table.path), "part": t.table.part, "remark": t.remark, "reasons": list(t.reasons),
-                        "assumed": list(t.assumed), "undecided": list(t.open)} for t in p.reports],
-            "left_out": [{"file": str(path), "why": why} for path, why in p.skipped],
-            "unreadable": done.unreadable, "warnings": list(done.warnings)}
+    return {
+        "campaign": str(done.toml),
+        "call": done.call,
+        "complete": done.complete,
+        "recordings": [
+            {
+                "file": str(r.path),
+                "name": r.label,
+                "kind": r.kind,
+                "rows": r.rows,
+                "rate_Hz": r.rate_Hz,
+                "usable": r.usable,
+                "columns": {own: c.describe() for own, c in r.format.columns.items()},
+            }
+            for r in p.recordings
+        ],
+        "tables": [
+            {
+                "file": str(t.table.path),
+                "part": t.table.part,
+                "remark": t.remark,
+                "reasons": list(t.reasons),
+                "assumed": list(t.assumed),
+                "undecided": list(t.open),
+            }
+            for t in p.reports
+        ],
+        "left_out": [{"file": str(path), "why": why} for path, why in p.skipped],
+        "unreadable": done.unreadable,
+        "warnings": list(done.warnings),
+    }

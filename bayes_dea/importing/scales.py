@@ -16,8 +16,15 @@ from bayes_dea.importing.split import defect
 from bayes_dea.importing.tables import RawTable
 
 #: name of our column for each quantity
-OURS = {"voltage": "voltage_V", "displacement": "displacement_m", "position": "position_m", "force": "force_N",
-        "temperature": "temperature_C", "capacitance": "capacitance_F", "time": "time_s"}
+OURS = {
+    "voltage": "voltage_V",
+    "displacement": "displacement_m",
+    "position": "position_m",
+    "force": "force_N",
+    "temperature": "temperature_C",
+    "capacitance": "capacitance_F",
+    "time": "time_s",
+}
 _SI = {"voltage": "V", "displacement": "m", "position": "m", "force": "N", "capacitance": "F", "temperature": "degC"}
 _FACTORS = {"V": 1.0, "kV": 1e3, "mV": 1e-3, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 #: a command below this in volts is that of a supply or a monitor, not the voltage on an elastomer
@@ -41,8 +48,10 @@ def column_for(role: Role, quantity: str, book: Notebook, actuator: Actuator) ->
     guess = unit_by_range(quantity, role.values)
     candidates = _by_geometry(guess.candidates, role, actuator) if quantity == "displacement" else guess.candidates
     if quantity == "voltage" and candidates == ("kV",):
-        book.assume(f"{label}: {guess.why}: taken as kV. A monitor output of another ratio than 1 V for 1 kV would look "
-                    "the same; look at the amplifier.")
+        book.assume(
+            f"{label}: {guess.why}: taken as kV. A monitor output of another ratio than 1 V for 1 kV would look "
+            "the same; look at the amplifier."
+        )
         return replace(source, unit="kV")
     if quantity == "force" and "N" in candidates:
         unit = book.question(f"{label}.unit", f'The unit of "{label}" is not said ({guess.why}).', candidates, "N")
@@ -51,14 +60,20 @@ def column_for(role: Role, quantity: str, book: Notebook, actuator: Actuator) ->
         book.reason(f"{label}: {candidates[0]} by its range ({guess.why})")
         return _in_unit(source, candidates[0], own)
     options = candidates or tuple(_units_of(quantity))
-    unit = book.question(f"{label}.unit", f'The unit of "{label}" is not said, and its range does not decide '
-                                          f"({guess.why}).", options)
+    unit = book.question(
+        f"{label}.unit", f'The unit of "{label}" is not said, and its range does not decide ({guess.why}).', options
+    )
     return None if unit is None else _in_unit(source, unit, own)
 
 
 def _units_of(quantity: str) -> tuple[str, ...]:
-    return {"voltage": ("V", "kV"), "displacement": ("m", "mm", "um"), "position": ("m", "mm", "um"),
-            "force": ("N", "mN"), "capacitance": ("F", "uF", "nF", "pF")}[quantity]
+    return {
+        "voltage": ("V", "kV"),
+        "displacement": ("m", "mm", "um"),
+        "position": ("m", "mm", "um"),
+        "force": ("N", "mN"),
+        "capacitance": ("F", "uF", "nF", "pF"),
+    }[quantity]
 
 
 def _in_unit(source: ColumnMap, unit: str | None, own: str) -> ColumnMap | None:
@@ -71,26 +86,36 @@ def _said(role: Role, quantity: str, own: str, book: Notebook) -> ColumnMap | No
     label, unit = role.column.label, str(role.unit)
     size = float(np.nanmax(np.abs(role.values))) * _FACTORS.get(unit, 1.0)
     if quantity == "voltage" and 0 < size < LEAST_VOLTS:
-        ratio = book.question(f"{label}.scale", f'"{label}" reaches only {size:.3g} V, which moves no elastomer: it must be '
-                                                "a monitor or the input of an amplifier. How many volts on the actuator is "
-                                                f"1 V of it?")
+        ratio = book.question(
+            f"{label}.scale",
+            f'"{label}" reaches only {size:.3g} V, which moves no elastomer: it must be '
+            "a monitor or the input of an amplifier. How many volts on the actuator is "
+            f"1 V of it?",
+        )
         if ratio is None:
             return None
         return replace(role.column.source, scale=float(ratio) * _FACTORS.get(unit, 1.0))
     where = role.column.unit_from or "name"
-    book.reason(f"{label}: {unit}, from the {where}" if not where.startswith('"') else f"{label}: {unit}, from {where}")
+    book.reason(
+        f"{label}: {unit}, from the {where}" if not where.startswith('"') else f"{label}: {unit}, from {where}"
+    )
     if quantity in ("displacement", "position"):
         low, high = PLAUSIBLE[quantity]
         size = span(role.values) * _FACTORS.get(unit, 1.0)
         if size > 0 and not 0.1 * low <= size <= 3 * high:
-            book.assume(f"{label}: spans {size:.3g} m in the unit {unit} of the file, which is unusual; check the unit.")
+            book.assume(
+                f"{label}: spans {size:.3g} m in the unit {unit} of the file, which is unusual; check the unit."
+            )
     return _in_unit(role.column.source, unit, own)
 
 
 def _sensor_volts(role: Role, quantity: str, own: str, book: Notebook) -> ColumnMap | None:
     label = role.column.label
-    scale = book.question(f"{label}.scale", f'"{label}" is the output of a sensor in {role.unit}. How many {own} is one V '
-                                            "of it (negative where it falls as the quantity rises)?")
+    scale = book.question(
+        f"{label}.scale",
+        f'"{label}" is the output of a sensor in {role.unit}. How many {own} is one V '
+        "of it (negative where it falls as the quantity rises)?",
+    )
     if scale is None:
         return None
     return replace(role.column.source, scale=float(scale) * _FACTORS.get(str(role.unit), 1.0))
@@ -121,8 +146,11 @@ def _by_geometry(candidates: tuple[str, ...], role: Role, actuator: Actuator) ->
     return good or candidates
 
 
-def time_column(roles: list[Role], table: RawTable, book: Notebook, fallback: str | None = None) -> tuple[ColumnMap | None, bool]:
-    """(where time comes from, whether it is decided). (None, True): the table has no time and none is needed to be known.
+def time_column(
+    roles: list[Role], table: RawTable, book: Notebook, fallback: str | None = None
+) -> tuple[ColumnMap | None, bool]:
+    """(where time comes from, whether it is decided). (None, True): the table has no time and none is needed to be
+    known.
 
     Time as text and time stamps are seconds already; a count of samples needs a rate. `fallback` is the unit that is
     assumed where the column names none (None: the recording waits for an answer).
@@ -130,9 +158,12 @@ def time_column(roles: list[Role], table: RawTable, book: Notebook, fallback: st
     role = next((r for r in roles if r.quantity == "time"), None)
     row = defect(role.values) if role is not None else None
     if role is not None and row is not None:
-        rate = book.question("rate_Hz", f'"{role.column.label}" runs backwards at row {row + 1} after the header, from '
-                                        f"{role.values[row - 1]:.6g} to {role.values[row]:.6g}, and does not begin again there: "
-                                        "the times are damaged. How many samples a second, if they are even?")
+        rate = book.question(
+            "rate_Hz",
+            f'"{role.column.label}" runs backwards at row {row + 1} after the header, from '
+            f"{role.values[row - 1]:.6g} to {role.values[row]:.6g}, and does not begin again there: "
+            "the times are damaged. How many samples a second, if they are even?",
+        )
         return (ColumnMap(rate_Hz=float(rate)), True) if rate is not None else (None, False)
     if role is not None:
         column = _time_of(role, table, book)
@@ -142,9 +173,12 @@ def time_column(roles: list[Role], table: RawTable, book: Notebook, fallback: st
         book.reason(f"time: {table.rate_Hz:.6g} samples a second, from {table.rate_from}")
         return ColumnMap(rate_Hz=float(f"{table.rate_Hz:.10g}")), True
     if role is not None:
-        unit = book.question(f"{role.column.label}.unit", f'The unit of "{role.column.label}" is not said '
-                                                          f"({clock_unit(role.values).why}).", ("s", "ms", "us", "min", "count"),
-                             None if clock_unit(role.values).count else fallback)
+        unit = book.question(
+            f"{role.column.label}.unit",
+            f'The unit of "{role.column.label}" is not said ({clock_unit(role.values).why}).',
+            ("s", "ms", "us", "min", "count"),
+            None if clock_unit(role.values).count else fallback,
+        )
         if unit is not None and unit != "count":
             return (role.column.source if unit == "s" else replace(role.column.source, unit=unit)), True
         if unit is None:

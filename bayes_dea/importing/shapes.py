@@ -100,8 +100,11 @@ def voltage_shape(time: Array, voltage: Array) -> Shape:
     v = filled(voltage)
     total = span(v)
     if total <= max(1e-9 * float(np.abs(v).max()), 8.0 * scatter(v)) or total == 0.0:
-        return Shape("creep" if abs(float(np.median(v))) > 0 else "voltage",
-                     f"the voltage stays at {np.median(v):.4g} V", sure=False)
+        return Shape(
+            "creep" if abs(float(np.median(v))) > 0 else "voltage",
+            f"the voltage stays at {np.median(v):.4g} V",
+            sure=False,
+        )
     levels = _two_levels(time, v)
     if levels is not None:
         return levels
@@ -112,8 +115,11 @@ def voltage_shape(time: Array, voltage: Array) -> Shape:
     if fits is not None:
         name, residual, second, frequency, cycles = fits
         if residual < 0.12 and second > 1.8 * residual:
-            return Shape(name, f"{cycles:.3g} periods of a {name} at {frequency:.4g} Hz (misfit {100 * residual:.2g} %, "
-                               f"next best {100 * second:.2g} %)")
+            return Shape(
+                name,
+                f"{cycles:.3g} periods of a {name} at {frequency:.4g} Hz (misfit {100 * residual:.2g} %, "
+                f"next best {100 * second:.2g} %)",
+            )
     if linear is not None:
         return linear
     if fits is None:
@@ -135,6 +141,8 @@ def _two_levels(time: Array, v: Array) -> Shape | None:
     if total <= 0:
         return None
     near_high, near_low = np.abs(v - high) < 0.1 * total, np.abs(v - low) < 0.1 * total
+    if float(np.mean((v < low - 0.15 * total) | (v > high + 0.15 * total))) > 0.02:
+        return None  # it goes beyond both: a wave with rests before and after
     at_levels = float(np.mean(near_high | near_low))
     on = v > low + 0.5 * total
     if abs(low) > abs(high):
@@ -152,16 +160,22 @@ def _two_levels(time: Array, v: Array) -> Shape | None:
         return Shape("creep", f"one step to {level:.4g} V, held for {durations[0]:.4g} s")
     others = durations[:-1]
     if durations[-1] >= 2.5 * others.max() and float(np.ptp(others)) < 0.1 * float(others.mean()):
-        return Shape("creep", f"{len(pulses) - 1} conditioning step{'s' if len(pulses) > 2 else ''} of "
-                              f"{np.median(others):.3g} s, then {level:.4g} V held for {durations.max():.4g} s")
+        return Shape(
+            "creep",
+            f"{len(pulses) - 1} conditioning step{'s' if len(pulses) > 2 else ''} of "
+            f"{np.median(others):.3g} s, then {level:.4g} V held for {durations.max():.4g} s",
+        )
     starts = np.array([time[a] for a, _ in pulses])
     gaps = np.diff(starts)
-    inner = durations[1 if pulses[0][0] == 0 else 0: -1 if pulses[-1][1] == v.size else None]  # the ends may be cut
+    inner = durations[1 if pulses[0][0] == 0 else 0 : -1 if pulses[-1][1] == v.size else None]  # the ends may be cut
     equal = inner.size < 2 or float(np.ptp(inner)) < 0.2 * float(inner.mean())
     regular = equal and (gaps.size < 2 or float(gaps.std()) < 0.05 * float(gaps.mean()))
     if regular:
-        return Shape("rectangle", f"{len(pulses)} equal pulses to {level:.4g} V, one every {gaps.mean():.4g} s",
-                     sure=len(pulses) > 2 or not _long_rest(durations, gaps))
+        return Shape(
+            "rectangle",
+            f"{len(pulses)} equal pulses to {level:.4g} V, one every {gaps.mean():.4g} s",
+            sure=len(pulses) > 2 or not _long_rest(durations, gaps),
+        )
     return Shape("voltage", f"{len(pulses)} steps to one level at uneven times")
 
 
@@ -184,7 +198,7 @@ def _fast_edges(time: Array, v: Array, pulses: list[tuple[int, int]], total: flo
     step = float(np.median(np.diff(time)))
     sign = 1.0 if np.median(v[np.concatenate([np.arange(a, b) for a, b in pulses])]) > np.median(v) else -1.0
     checked = 0
-    for (a, _), duration in zip(pulses, durations, strict=True):
+    for a, _ in pulses:
         back = a - max(2, round(0.05 * float(np.median(durations)) / step))
         if a == 0 or back < 0:
             continue
@@ -232,12 +246,17 @@ def _triangle(t: Array, v: Array, pieces: int) -> Shape | None:
     turns = int(np.count_nonzero(np.diff(np.sign(slopes[straight]))))
     if np.mean(straight) < 0.85 or turns == 0:
         return None
-    return Shape("triangle", f"straight ramps of {typical:.4g} V/s that turn {turns} time{'s' if turns > 1 else ''}",
-                 sure=turns >= 2 or abs(float(v[0] - v[-1])) < 0.1 * span(v))
+    return Shape(
+        "triangle",
+        f"straight ramps of {typical:.4g} V/s that turn {turns} time{'s' if turns > 1 else ''}",
+        sure=turns >= 2 or abs(float(v[0] - v[-1])) < 0.1 * span(v),
+    )
 
 
 def _periodic(t: Array, v: Array) -> tuple[str, float, float, float, float] | None:
-    """(best shape, its misfit, next misfit, frequency, cycles) where the signal repeats; misfits relative to amplitude."""
+    """(best shape, its misfit, next misfit, frequency, cycles) where the signal repeats; misfits relative to
+    amplitude.
+    """
     middle = 0.5 * (np.percentile(v, 1) + np.percentile(v, 99))
     amplitude = 0.5 * float(np.percentile(v, 99) - np.percentile(v, 1))
     state = np.where(v > middle + 0.2 * amplitude, 1, np.where(v < middle - 0.2 * amplitude, -1, 0))
@@ -261,7 +280,11 @@ def _periodic(t: Array, v: Array) -> tuple[str, float, float, float, float] | No
     angle = float(np.angle(c1)) + np.pi / 2  # of the fundamental, written as a sine
     shifted = phase + angle
     sine = np.sin(shifted)
-    for name, wave in (("sine", sine), ("triangle", 2 / np.pi * np.arcsin(np.clip(sine, -1, 1))), ("rectangle", np.sign(sine))):
+    for name, wave in (
+        ("sine", sine),
+        ("triangle", 2 / np.pi * np.arcsin(np.clip(sine, -1, 1))),
+        ("rectangle", np.sign(sine)),
+    ):
         design = np.column_stack([wave, np.ones(wave.size)])
         residual = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
         misfits[name] = float(np.sqrt(np.mean(residual**2))) / amplitude
@@ -274,7 +297,9 @@ def _periodic(t: Array, v: Array) -> tuple[str, float, float, float, float] | No
 
 
 def moving_share(values: Array) -> float:
-    """Part of the time during which a signal moves by more than its noise and 0.2 % of its span in 1/200 of the record."""
+    """Part of the time during which a signal moves by more than its noise and 0.2 % of its span in 1/200 of the
+    record.
+    """
     v = filled(values)
     edges = np.linspace(0, v.size, min(200, v.size) + 1).astype(int)
     means = np.add.reduceat(v, edges[:-1]) / np.diff(edges)
@@ -286,7 +311,9 @@ def mechanical_shape(length: Array, force: Array) -> Shape:
     """relaxation (length held), load (force held) or compression (both move), from who holds still for longer."""
     moves_length, moves_force = moving_share(length), moving_share(force)
     if moves_length < 0.3 and moves_length <= moves_force:
-        return Shape("relaxation", f"the position moves during {100 * moves_length:.2g} % of the time and is held otherwise")
+        return Shape(
+            "relaxation", f"the position moves during {100 * moves_length:.2g} % of the time and is held otherwise"
+        )
     if moves_force < 0.3 and moves_force < moves_length:
         return Shape("load", f"the force changes during {100 * moves_force:.2g} % of the time and is held otherwise")
     return Shape("compression", "position and force move all the time", sure=True)

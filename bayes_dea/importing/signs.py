@@ -12,7 +12,9 @@ from bayes_dea.importing.shapes import buckling_number, filled, follows, span
 from bayes_dea.importing.tables import Array
 
 _COMPRESSION = re.compile(r"compress|\bdruck|druckversuch|druckkraft|stauch|压缩|圧縮|squeez", re.IGNORECASE)
-_TENSION = re.compile(r"tensile|\btension|zugversuch|\bzug\b|zugkraft|拉伸|引張|pull-to|\bd412\b|53504|\biso 37\b", re.IGNORECASE)
+_TENSION = re.compile(
+    r"tensile|\btension|zugversuch|\bzug\b|zugkraft|拉伸|引張|pull-to|\bd412\b|53504|\biso 37\b", re.IGNORECASE
+)
 #: a column this far beyond buckling was pulled, even if its material is softer than we think
 _BUCKLED = 3.0
 
@@ -22,12 +24,16 @@ def answer_sign(time: Array, voltage: Array, answer: Array, label: str, ours: bo
     share, gain = follows(time, voltage, answer)
     if ours:
         if share > 0.5 and gain < 0:
-            book.assume(f"{label}: falls when the voltage rises, although its name says that {what} is positive. If it is a "
-                        "distance, write sign = -1.")
+            book.assume(
+                f"{label}: falls when the voltage rises, although its name says that {what} is positive. If it is a "
+                "distance, write sign = -1."
+            )
         return 1
     if share < 0.1:
-        book.assume(f"{label}: does not follow the square of the voltage ({100 * share:.2g} %); taken with its own sign. "
-                    "Is it the right column?")
+        book.assume(
+            f"{label}: does not follow the square of the voltage ({100 * share:.2g} %); taken with its own sign. "
+            "Is it the right column?"
+        )
         return 1
     sign = -1 if gain < 0 else 1
     moves = "falls" if sign < 0 else "rises"
@@ -54,19 +60,25 @@ def mechanical_signs(length: Array, force: Array, kind: str, words: Iterable[str
     tension, compression = _TENSION.search(said), _COMPRESSION.search(said)
     number = buckling_number(length, force)
     if (tension is None) != (compression is None):
-        found = tension or compression
         pulled = tension is not None
-        book.reason(f'{"tension" if pulled else "compression"}: the file says "{found.group(0)}"')  # type: ignore[union-attr]
+        word = next(m.group(0) for m in (tension, compression) if m is not None)
+        book.reason(f'{"tension" if pulled else "compression"}: the file says "{word}"')
     elif number > _BUCKLED:
         pulled = True
         book.reason(f"tension: as a compression it would be {number:.2g} times beyond buckling, even at 10 kPa")
     elif towards < 0 or x_towards < 0:
         pulled = False
-        book.reason("compression: the force grows to negative values, or the position falls as it grows; testing machines "
-                    "count tension positive")
+        book.reason(
+            "compression: the force grows to negative values, or the position falls as it grows; testing machines "
+            "count tension positive"
+        )
     else:
-        answer = book.question("tension", "Is this a compression or a tension? Neither the words nor the signs in the file "
-                                          "say it.", ("compression", "tension"), "compression")
+        answer = book.question(
+            "tension",
+            "Is this a compression or a tension? Neither the words nor the signs in the file say it.",
+            ("compression", "tension"),
+            "compression",
+        )
         pulled = answer == "tension"
     flip = -1 if pulled else 1
     return flip * x_towards, flip * towards

@@ -13,16 +13,19 @@ from bayes_dea.importing.tables import RawTable
 def sniff(path: Path) -> list[RawTable]:
     """Every table of numbers in a file: one for text and Parquet, one a struct or group for .mat and HDF5.
 
-    An empty list where there is no table. Raises InputError for a file that is empty, damaged or of a type that has to be
+    An empty list where there is no table. Raises InputError for a file that is empty, damaged or of a type that has
+    to be
     converted first.
     """
     if path.stat().st_size == 0:
         raise InputError(f"{path.name}: the file is empty. Copy it again from the recorder.")
     with path.open("rb") as handle:
         head = handle.read(8)
-    for magic, what in ((b"PK\x03\x04", "an Excel or other zipped file; save it as CSV"),
-                        (b"\xd0\xcf\x11\xe0", "an old Excel file; save it as CSV"),
-                        (b"TDSm", "a TDMS file of LabVIEW; export it as HDF5, .mat or CSV")):
+    for magic, what in (
+        (b"PK\x03\x04", "an Excel or other zipped file; save it as CSV"),
+        (b"\xd0\xcf\x11\xe0", "an old Excel file; save it as CSV"),
+        (b"TDSm", "a TDMS file of LabVIEW; export it as HDF5, .mat or CSV"),
+    ):
         if head.startswith(magic):
             raise InputError(f"{path.name}: is {what}.")
     kind = file_type(path, FormatMap())

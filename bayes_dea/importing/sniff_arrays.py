@@ -45,8 +45,10 @@ def sniff_arrays(path: Path, kind: str) -> list[RawTable]:
         _leaf(name, values, attributes, facts, groups)
     groups = _one_channel_groups(groups)
     if not groups and (opaque or any("#subsystem#" in n or n == "None" for n in source.leaves)):
-        raise InputError(f"{path.name}: holds a MATLAB object (timetable, table or class), which only MATLAB can read. Save "
-                         "it as a struct: s = table2struct(timetable2table(tt), 'ToScalar', true); save('file.mat', 's').")
+        raise InputError(
+            f"{path.name}: holds a MATLAB object (timetable, table or class), which only MATLAB can read. Save "
+            "it as a struct: s = table2struct(timetable2table(tt), 'ToScalar', true); save('file.mat', 's')."
+        )
     tables = []
     parents = [p for p, _ in groups]
     for (parent, length), columns in groups.items():
@@ -56,13 +58,28 @@ def sniff_arrays(path: Path, kind: str) -> list[RawTable]:
         fitted = tuple(_with_cell_units(columns, known))
         part = parent + (f" ({length} long)" if parents.count(parent) > 1 else "")
         said = f"arrays of {length} elements" + (f' in "{parent}"' if parent else "")
-        tables.append(RawTable(path, fmt, fitted, MappingProxyType(known), (said,), rate[0] if rate else None,
-                               rate[1] if rate else "", part))
+        tables.append(
+            RawTable(
+                path,
+                fmt,
+                fitted,
+                MappingProxyType(known),
+                (said,),
+                rate[0] if rate else None,
+                rate[1] if rate else "",
+                part,
+            )
+        )
     return tables
 
 
-def _leaf(name: str, values: np.ndarray[Any, Any], attributes: Mapping[tuple[str, str], str], facts: dict[str, str],
-          groups: dict[tuple[str, int], list[RawColumn]]) -> None:
+def _leaf(
+    name: str,
+    values: np.ndarray[Any, Any],
+    attributes: Mapping[tuple[str, str], str],
+    facts: dict[str, str],
+    groups: dict[tuple[str, int], list[RawColumn]],
+) -> None:
     """One array of the file: a fact, a column, or the columns of a matrix."""
     parent, _, last = name.rpartition("/")
     values = np.squeeze(values)
@@ -77,7 +94,13 @@ def _leaf(name: str, values: np.ndarray[Any, Any], attributes: Mapping[tuple[str
             return
     if values.dtype.kind in "USO":
         facts[name] = "\t".join(str(v) for v in values.ravel()[:20])
-    elif values.dtype.kind == "u" and values.dtype.itemsize == 2 and values.size <= 64 and values.ndim <= 1 and values.size:
+    elif (
+        values.dtype.kind == "u"
+        and values.dtype.itemsize == 2
+        and values.size <= 64
+        and values.ndim <= 1
+        and values.size
+    ):
         facts[name] = "".join(chr(int(c)) for c in values.ravel())  # MATLAB 7.3 writes text as 16 bit numbers
     elif values.dtype.kind not in "fiub" or values.size == 0:
         return
@@ -85,15 +108,21 @@ def _leaf(name: str, values: np.ndarray[Any, Any], attributes: Mapping[tuple[str
         facts[name] = f"{float(values.ravel()[0]):.12g}"
     elif values.ndim == 1 and values.size >= _FEW:
         unit = next((attributes[name, k] for k in _UNIT_KEYS if (name, k) in attributes), None)
-        groups.setdefault((parent, values.size), []).append(RawColumn(
-            last, ColumnMap(name=last), values.astype(np.float64), unit, "attribute of the file" if unit else ""))
+        groups.setdefault((parent, values.size), []).append(
+            RawColumn(
+                last, ColumnMap(name=last), values.astype(np.float64), unit, "attribute of the file" if unit else ""
+            )
+        )
     elif values.ndim >= 2 and values.shape[0] >= _FEW:
         values = values.reshape(values.shape[0], -1)  # tensors row by row, as the reader takes them
         if values.shape[1] > min(values.shape[0], _MOST_COLUMNS):
             return
         for i in range(values.shape[1]):
-            groups.setdefault((parent, values.shape[0]), []).append(RawColumn(
-                f"{last} column {i + 1}", ColumnMap(name=last, index=i + 1), values[:, i].astype(np.float64)))
+            groups.setdefault((parent, values.shape[0]), []).append(
+                RawColumn(
+                    f"{last} column {i + 1}", ColumnMap(name=last, index=i + 1), values[:, i].astype(np.float64)
+                )
+            )
 
 
 def _one_channel_groups(groups: dict[tuple[str, int], list[RawColumn]]) -> dict[tuple[str, int], list[RawColumn]]:
@@ -102,9 +131,14 @@ def _one_channel_groups(groups: dict[tuple[str, int], list[RawColumn]]) -> dict[
         return groups
     if len({c[0].label for c in groups.values()}) != 1:
         return groups
-    merged = [replace(c[0], label=parent.rpartition("/")[2] or c[0].label,
-                      source=ColumnMap(name=f"{parent}/{c[0].source.name}" if parent else c[0].source.name))
-              for (parent, _), c in groups.items()]
+    merged = [
+        replace(
+            c[0],
+            label=parent.rpartition("/")[2] or c[0].label,
+            source=ColumnMap(name=f"{parent}/{c[0].source.name}" if parent else c[0].source.name),
+        )
+        for (parent, _), c in groups.items()
+    ]
     labels = [c.label for c in merged]
     # runs that hold the same array each are recordings of their own, channels have names of their own
     if any(label.endswith(")") or label.isdigit() for label in labels):
@@ -141,8 +175,9 @@ def _with_cell_units(columns: list[RawColumn], facts: Mapping[str, str]) -> list
     """Units out of MATLAB's VariableUnits, whose order is lost: each goes where only one quantity fits."""
     if any(c.unit for c in columns):
         return columns
-    units = [(text, parse_unit(part)) for key, text in facts.items() if "unit" in key.lower()
-             for part in text.split("\t")]
+    units = [
+        (text, parse_unit(part)) for key, text in facts.items() if "unit" in key.lower() for part in text.split("\t")
+    ]
     out = list(columns)
     for text, parsed in units:
         if parsed is None:
@@ -169,11 +204,16 @@ def sniff_parquet(path: Path) -> list[RawTable]:
 
     source = ParquetSource(path, FormatMap(), path.name)
     schema = parquet.read_schema(path)
-    facts = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (schema.metadata or {}).items()
-             if k not in (b"pandas", b"ARROW:schema")}
+    facts = {
+        k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
+        for k, v in (schema.metadata or {}).items()
+        if k not in (b"pandas", b"ARROW:schema")
+    }
     columns: list[RawColumn] = []
     for field in schema:
-        metadata = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (field.metadata or {}).items()}
+        metadata = {
+            k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (field.metadata or {}).items()
+        }
         unit = next((metadata[k] for k in _UNIT_KEYS if k in metadata), None)
         column = ColumnMap(name=field.name)
         clock = pa.types.is_timestamp(field.type) or pa.types.is_duration(field.type) or pa.types.is_time(field.type)
@@ -187,10 +227,22 @@ def sniff_parquet(path: Path) -> list[RawTable]:
             values = source.read([column]).columns[0]
         except InputError:
             continue  # lists and the like are no columns of a recording
-        columns.append(RawColumn(field.name, column, values, None if clock else unit,
-                                 "metadata of the field" if unit else "", clock))
+        columns.append(
+            RawColumn(
+                field.name, column, values, None if clock else unit, "metadata of the field" if unit else "", clock
+            )
+        )
     if not columns:
         return []
     rate = find_rate(facts)
-    return [RawTable(path, FormatMap(), tuple(columns), MappingProxyType(facts), ("Parquet, columns by name",),
-                     rate[0] if rate else None, rate[1] if rate else "")]
+    return [
+        RawTable(
+            path,
+            FormatMap(),
+            tuple(columns),
+            MappingProxyType(facts),
+            ("Parquet, columns by name",),
+            rate[0] if rate else None,
+            rate[1] if rate else "",
+        )
+    ]

@@ -59,12 +59,18 @@ def _table(path: Path, lines: Sequence[str], layout: Layout, encoding: str, why:
     narrow = names_at is not None and len(names) > width
     if names_at is None or narrow:
         fmt = rows_format(layout, encoding, layout.first, 0)
-        notes.append("no row of names above the numbers" if names_at is None
-                     else f"{len(names)} names above {width} columns, so the columns are taken by number")
+        notes.append(
+            "no row of names above the numbers"
+            if names_at is None
+            else f"{len(names)} names above {width} columns, so the columns are taken by number"
+        )
     else:
         fmt = rows_format(layout, encoding, names_at, len([i for i in above if i >= names_at]))
-        notes.append(f"names in line {names_at + 1}" + (f", units in line {units_at + 1}" if units_at is not None else "")
-                     + f", numbers from line {layout.first + 1}")
+        notes.append(
+            f"names in line {names_at + 1}"
+            + (f", units in line {units_at + 1}" if units_at is not None else "")
+            + f", numbers from line {layout.first + 1}"
+        )
     label = path.name
     source = CsvSource(path, fmt, label)
     wanted: list[tuple[str, ColumnMap, str | None, bool]] = []
@@ -78,10 +84,13 @@ def _table(path: Path, lines: Sequence[str], layout: Layout, encoding: str, why:
             column = replace(column, time_format=kind)
         wanted.append((labels[i] or name or f"column {i + 1}", column, beside[i], kind != "number"))
     values = source.read([w[1] for w in wanted])
-    columns = tuple(RawColumn(shown, column, array, unit, beside_from if unit else "", clock)
-                    for (shown, column, unit, clock), array in zip(wanted, values.columns, strict=True))
-    return RawTable(path, fmt, columns, MappingProxyType(facts), tuple(notes),
-                    rate[0] if rate else None, rate[1] if rate else "")
+    columns = tuple(
+        RawColumn(shown, column, array, unit, beside_from if unit else "", clock)
+        for (shown, column, unit, clock), array in zip(wanted, values.columns, strict=True)
+    )
+    return RawTable(
+        path, fmt, columns, MappingProxyType(facts), tuple(notes), rate[0] if rate else None, rate[1] if rate else ""
+    )
 
 
 def _headings(above: Sequence[int], rows: dict[int, list[str]], layout: Layout) -> tuple[int | None, int | None]:
@@ -111,12 +120,16 @@ def _like_units(cells: Sequence[str], layout: Layout) -> bool:
 
 def _increment(names: Sequence[str], units: Sequence[str]) -> dict[str, str]:
     """Rigol writes start and increment into the two header lines, as names and values."""
-    return {n: u for n, u in zip(names, units, strict=False)
-            if n and to_float(u, ".") is not None and u and n.lower() in ("increment", "tinc", "start", "t0")}
+    return {
+        n: u
+        for n, u in zip(names, units, strict=False)
+        if n and to_float(u, ".") is not None and u and n.lower() in ("increment", "tinc", "start", "t0")
+    }
 
 
-def _aligned(blocks: Sequence[list[str]], names: Sequence[str], units: Sequence[str],
-             width: int) -> tuple[list[str], list[str | None], str]:
+def _aligned(
+    blocks: Sequence[list[str]], names: Sequence[str], units: Sequence[str], width: int
+) -> tuple[list[str], list[str | None], str]:
     """Labels and units that stand above the columns, in the header block or in the line of units."""
     labels, found, where = [""] * width, [None] * width, ""
     result: list[str | None] = list(found)

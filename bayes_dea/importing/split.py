@@ -1,8 +1,11 @@
-"""Where recordings begin and end in one long file: restarts of time, run numbers, holes, and pauses between protocols."""
+"""Where recordings begin and end in one long file: restarts of time, run numbers, holes, and pauses between
+protocols.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -39,7 +42,7 @@ def split_rows(time: Array | None, run: Array | None, rows: int) -> list[Part]:
             marks.setdefault(int(i) + 1, f"time begins again, from {time[i]:.6g} to {time[i + 1]:.6g}")
     edges = [0, *sorted(marks), rows]
     out = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         # where the clock goes on, so does the actuator's memory
         goes_on = a > 0 and time is not None and time[a] > time[a - 1]
         rest = float(time[a] - time[a - 1]) if goes_on and time is not None else 0.0
@@ -55,7 +58,7 @@ def defect(time: Array) -> int | None:
     begin = 0
     for i in np.flatnonzero(np.diff(time) < 0):
         first, before, now = float(time[begin]), float(time[i]), float(time[i + 1])
-        if now > first + 0.1 * (before - first) + 2.0 * float(np.median(np.abs(np.diff(time[begin:i + 1])))):
+        if now > first + 0.1 * (before - first) + 2.0 * float(np.median(np.abs(np.diff(time[begin : i + 1])))):
             return int(i) + 1
         begin = int(i) + 1
     return None
@@ -63,7 +66,7 @@ def defect(time: Array) -> int | None:
 
 def split_holes(time: Array, part: Part) -> list[Part]:
     """Parts by holes of half a minute and fifty steps or more. Ever longer steps (log-spaced creep) are no holes."""
-    t = time[part.first:part.last]
+    t = time[part.first : part.last]
     steps = np.diff(t)
     if steps.size < 2:
         return [part]
@@ -71,18 +74,20 @@ def split_holes(time: Array, part: Part) -> list[Part]:
     holes = np.flatnonzero((steps > max(30.0, 50.0 * float(np.median(steps)))) & (steps > 10.0 * beside))
     edges = [0, *(int(h) + 1 for h in holes), t.size]
     out = []
-    for k, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(edges)):
         if k == 0:
             out.append(Part(part.first + a, part.first + b, part.why, part.continued, part.rest_s))
         else:
             rest = float(t[a] - t[a - 1])
-            out.append(Part(part.first + a, part.first + b, f"nothing was recorded for {rest:.4g} s before", True, rest))
+            out.append(
+                Part(part.first + a, part.first + b, f"nothing was recorded for {rest:.4g} s before", True, rest)
+            )
     return out
 
 
 def split_pauses(time: Array, voltage: Array, part: Part) -> list[Part]:
     """Parts by pauses at zero volts between protocols of their own; conditioning steps stay with their hold."""
-    t, v = time[part.first:part.last], filled(voltage[part.first:part.last])
+    t, v = time[part.first : part.last], filled(voltage[part.first : part.last])
     total = max(span(v), float(np.abs(v).max()))
     if total == 0.0:
         return [part]
@@ -108,7 +113,9 @@ def split_pauses(time: Array, voltage: Array, part: Part) -> list[Part]:
 
 
 def _blocks(t: Array, v: Array, zero: np.ndarray, total: float) -> list[Run]:
-    """Stretches away from zero; those that only touch zero for a moment are one. `level` is nan where it is not held."""
+    """Stretches away from zero; those that only touch zero for a moment are one. `level` is nan where it is not
+    held.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], ~zero, [False])).astype(np.int8)))
     found = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     joined: list[tuple[int, int]] = []
@@ -117,7 +124,9 @@ def _blocks(t: Array, v: Array, zero: np.ndarray, total: float) -> list[Run]:
             before = joined[-1]
             pause = t[a] - t[before[1] - 1]
             held = _level(v, a, b, total) is not None and _level(v, *before, total) is not None
-            if not held and (a - before[1] <= 3 or pause <= 0.15 * max(t[b - 1] - t[a], t[before[1] - 1] - t[before[0]])):
+            if not held and (
+                a - before[1] <= 3 or pause <= 0.15 * max(t[b - 1] - t[a], t[before[1] - 1] - t[before[0]])
+            ):
                 joined[-1] = (before[0], b)
                 continue
         joined.append((a, b))
@@ -156,7 +165,11 @@ def _belongs(t: Array, group: list[Run], block: Run) -> bool:
     # equal steps, then one hold much longer: what follows is the next recording's conditioning
     durations = np.array([t[r.last - 1] - t[r.first] for r in group])
     steps = durations[:-1]
-    held = steps.size > 1 and float(np.ptp(steps)) < 0.1 * float(steps.mean()) and durations[-1] > 3.0 * float(steps.max())
+    held = (
+        steps.size > 1
+        and float(np.ptp(steps)) < 0.1 * float(steps.mean())
+        and durations[-1] > 3.0 * float(steps.max())
+    )
     return not held
 
 
@@ -165,7 +178,7 @@ def _clear(t: Array, v: Array, groups: list[list[Run]]) -> bool:
 
     A random signal that happens to touch zero falls apart into pieces that are nothing in particular; it stays whole.
     """
-    for before, after in zip(groups[:-1], groups[1:], strict=True):
+    for before, after in pairwise(groups):
         first, last = before[-1].last, after[0].first
         shorter = min(t[before[-1].last - 1] - t[before[0].first], t[after[-1].last - 1] - t[after[0].first])
         if last - first < 10 or t[last] - t[first] < 0.05 * shorter:

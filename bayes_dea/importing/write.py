@@ -15,14 +15,23 @@ from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.importing.propose import FREE_KIND, Proposal, ProposedRecording, TableReport
 
 _WIDTH = 110
-_GEOMETRY = (("name", '"..."', ""), ("layers", "399", ""), ("layer_thickness_m", "25e-6", "at rest"),
-             ("relative_permittivity", "2.8", ""), ("electrode_area_m2", "7.56e-5", "active area"),
-             ("total_area_m2", "1.145e-4", "with the passive rim"), ("stack_height_m", "10.26e-3", ""),
-             ("max_voltage_V", "1200", "limits, optional"), ("max_frequency_Hz", "100", ""))
+_GEOMETRY = (
+    ("name", '"..."', ""),
+    ("layers", "399", ""),
+    ("layer_thickness_m", "25e-6", "at rest"),
+    ("relative_permittivity", "2.8", ""),
+    ("electrode_area_m2", "7.56e-5", "active area"),
+    ("total_area_m2", "1.145e-4", "with the passive rim"),
+    ("stack_height_m", "10.26e-3", ""),
+    ("max_voltage_V", "1200", "limits, optional"),
+    ("max_frequency_Hz", "100", ""),
+)
 _CHANNELS = {"displacement_m": ("displacement", "m"), "force_N": ("force", "N"), "position_m": ("position", "m")}
 
 
-def toml_text(proposal: Proposal, files: Mapping[Path, str], call: str, tables: Mapping[str, Any] | None = None) -> str:
+def toml_text(
+    proposal: Proposal, files: Mapping[Path, str], call: str, tables: Mapping[str, Any] | None = None
+) -> str:
     """The text of campaign.toml.
 
     `files` says under which name a file stands in it, `call` how the campaign is then read, `tables` holds [actuator],
@@ -31,11 +40,15 @@ def toml_text(proposal: Proposal, files: Mapping[Path, str], call: str, tables: 
     usable = [r for r in proposal.recordings if r.usable]
     real = [r for r in usable if r.kind != FREE_KIND]
     shared = _shared_format(proposal.recordings)
-    lines = _comment(["Proposed by bayes-dea import from the files themselves; every choice has its reason beside it.",
-                      f"Then: {call}"])
+    lines = _comment(
+        [
+            "Proposed by bayes-dea import from the files themselves; every choice has its reason beside it.",
+            f"Then: {call}",
+        ]
+    )
     if proposal.open:
         lines += _comment(["UNDECIDED: what is commented out below waits for you."])
-    lines += [""] + _actuator(tables or {}, bool(real)) + _sensors(tables or {}, proposal.recordings)
+    lines += ["", *_actuator(tables or {}, bool(real)), *_sensors(tables or {}, proposal.recordings)]
     for key in ("ambient", "share", "meta", "conventions"):
         if tables and key in tables:
             lines += ["", *_table(key, tables[key])]
@@ -51,9 +64,17 @@ def toml_text(proposal: Proposal, files: Mapping[Path, str], call: str, tables: 
 def _comment(texts: Iterable[str], indent: str = "") -> list[str]:
     out = []
     for text in texts:
-        clean = re.sub(r"[\x00-\x08\x0a-\x1f\x7f\ud800-\udfff]", "?", text)  # TOML allows none of these, not even in a comment
-        out += textwrap.wrap(clean, _WIDTH, initial_indent=f"# {indent}", subsequent_indent=f"#   {indent}",
-                             break_long_words=False, break_on_hyphens=False) or ["#"]
+        clean = re.sub(
+            r"[\x00-\x08\x0a-\x1f\x7f\ud800-\udfff]", "?", text
+        )  # TOML allows none of these, not even in a comment
+        out += textwrap.wrap(
+            clean,
+            _WIDTH,
+            initial_indent=f"# {indent}",
+            subsequent_indent=f"#   {indent}",
+            break_long_words=False,
+            break_on_hyphens=False,
+        ) or ["#"]
     return out
 
 
@@ -68,7 +89,11 @@ def _actuator(tables: Mapping[str, Any], needed: bool) -> list[str]:
 
 def _sensors(tables: Mapping[str, Any], recordings: Sequence[ProposedRecording]) -> list[str]:
     if "sensor" in tables:
-        return [line for channel, values in tables["sensor"].items() for line in ["", *_table(f"sensor.{channel}", values)]]
+        return [
+            line
+            for channel, values in tables["sensor"].items()
+            for line in ["", *_table(f"sensor.{channel}", values)]
+        ]
     lines: list[str] = []
     for own, (channel, unit) in _CHANNELS.items():
         seen = [r.noise[own] for r in recordings if own in r.noise]
@@ -76,24 +101,35 @@ def _sensors(tables: Mapping[str, Any], recordings: Sequence[ProposedRecording])
             continue
         scatter = max(s for s, _ in seen)
         step = min((q for _, q in seen if q > 0), default=0.0)
-        lines += ["", f"[sensor.{channel}]",
-                  f"# fluctuation_{unit} = ...  # from its data sheet, one standard deviation; neighbouring samples scatter by "
-                  f"{scatter:.2g}",
-                  f"# accuracy_{unit} = ...  # from its data sheet, limits of the systematic error",
-                  f"# resolution_{unit} = ...  # smallest step in the files: {step:.2g}"]
+        lines += [
+            "",
+            f"[sensor.{channel}]",
+            f"# fluctuation_{unit} = ...  # from its data sheet, one standard deviation; "
+            f"neighbouring samples scatter by {scatter:.2g}",
+            f"# accuracy_{unit} = ...  # from its data sheet, limits of the systematic error",
+            f"# resolution_{unit} = ...  # smallest step in the files: {step:.2g}",
+        ]
     return lines
 
 
 def _table(name: str, values: Mapping[str, Any]) -> list[str]:
     import tomli_w
 
-    return tomli_w.dumps({"x": dict(values)}).replace("[x]", f"[{name}]", 1).replace("[x.", f"[{name}.").rstrip("\n").split("\n")
+    return (
+        tomli_w.dumps({"x": dict(values)})
+        .replace("[x]", f"[{name}]", 1)
+        .replace("[x.", f"[{name}.")
+        .rstrip("\n")
+        .split("\n")
+    )
 
 
 def _shared_format(recordings: Sequence[ProposedRecording]) -> FormatMap | None:
     """The format of all recordings where it is one and the same but for the rows."""
     formats = [replace(r.format, rows=None) for r in recordings]
     if len(formats) < 2 or not all(f == formats[0] for f in formats) or not _format_lines(formats[0]):
+        return None
+    if any(r.kind == FREE_KIND for r in recordings):
         return None
     return formats[0]
 
@@ -110,7 +146,9 @@ def _report(report: TableReport, files: Mapping[Path, str], shared: FormatMap | 
         body = _recording(recording, files[recording.path], shared)
         active = recording.usable and not (recording.kind == FREE_KIND and real)
         if not active and recording.usable:
-            lines += _comment(["Commented out, because the recordings of an actuator here are for the built-in models."])
+            lines += _comment(
+                ["Commented out, because the recordings of an actuator here are for the built-in models."]
+            )
         lines += body if active else [f"# {line}" for line in body]
         lines.append("")
     if not report.recordings and report.open:
@@ -130,27 +168,30 @@ def _recording(r: ProposedRecording, file: str, shared: FormatMap | None) -> lis
     if r.hold is not None:
         lines.append(f"hold = {_value(r.hold)}")
     if not r.rested:
-        lines += ["rested = false  # goes on where the recording above ended", f"rest_before_s = {_number(r.rest_before_s or 0.0)}"]
+        lines += [
+            "rested = false  # goes on where the recording above ended",
+            f"rest_before_s = {_number(r.rest_before_s or 0.0)}",
+        ]
     own = replace(r.format, rows=None)
     if shared is None:
-        lines += [f"format.{key} = {value}" for key, value in _format_lines(own)]
+        lines += [f"format.{key} = {value}" for key, value in _format_lines(own, r.kind == FREE_KIND)]
     if r.format.rows is not None:
         lines.append(f"format.rows = [{r.format.rows[0]}, {r.format.rows[1]}]")
     return lines
 
 
-def _format_lines(fmt: FormatMap) -> list[tuple[str, str]]:
-    """Keys and values of a format map that differ from the project's own CSV."""
+def _format_lines(fmt: FormatMap, every: bool = False) -> list[tuple[str, str]]:
+    """Keys and values of a format map that differ from the project's own CSV; `every` column for a free kind."""
     plain = FormatMap()
     lines: list[tuple[str, str]] = []
-    for key in ("delimiter", "decimal", "encoding", "skip_rows", "dataset"):
+    for key in ("type", "delimiter", "decimal", "encoding", "skip_rows", "dataset"):
         value = getattr(fmt, key)
         if value != getattr(plain, key):
             lines.append((key, _value("tab" if value == "\t" else value)))
     if fmt.header != plain.header:
         lines.append(("header", "false" if fmt.header == 0 else str(fmt.header)))
     for own, column in fmt.columns.items():
-        text = column_text(own, column)
+        text = _value(own) if every and column == ColumnMap(name=own) else column_text(own, column)
         if text is not None:
             lines.append((f"columns.{_key(own)}", text))
     return lines

@@ -89,6 +89,14 @@ def candidates(base: Model, campaign: Campaign, channels: set[str]) -> tuple[lis
     return out, skipped
 
 
+def effect_priors(names: Sequence[str], campaign: Campaign) -> dict[str, object]:
+    """Priors of effects that depend on the campaign (its largest command, its longest recording), by parameter."""
+    out: dict[str, object] = {}
+    for name in names:
+        out.update(registered_effects()[name].prior_for(campaign))
+    return out
+
+
 def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:
     """The base with effects, in the order of their stages; None where they do not go together."""
     from ..errors import InputError
@@ -123,7 +131,8 @@ def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[F
     none = explain(Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior,
                    [f.fit.q for f in frames[1:]])
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces})
-    weighed = _singles(base, frames, model, names, prior, overrides or {}, say)
+    given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
+    weighed = _singles(base, frames, model, names, prior, given, say)
     explanations = {NONE: none}
     odds = prior_odds()
 
@@ -142,7 +151,7 @@ def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[F
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
-        more = _beside(best.weighed, model, names, prior, overrides or {}, say)
+        more = _beside(best.weighed, model, names, prior, given, say)
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
         if not more:
@@ -196,14 +205,20 @@ def _frames(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
 
 
 def _refined(base: Fit, screened: list[Screened], prior: NoisePrior, say: Report, starts: int) -> dict[str, Weighed]:
-    """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing."""
+    """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
+
+    The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
+    less than what a refit has reached.
+    """
     out: dict[str, Weighed] = {}
-    best = max((s.gain for s in screened), default=0.0)
+    reached = 0.0
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         say("refitting", k, len(screened), "+".join(s.effects))
-        promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > best - _NEAR)
+        promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
         w = refine(base, s, prior, starts) if promising else None
-        out["+".join(s.effects)] = w or Weighed(s.effects, base, s.log_evidence, 0.5, 0.0)
+        if w is not None:
+            reached = max(reached, base.objective - w.fit.objective)
+        out["+".join(s.effects)] = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
     return out
 
 

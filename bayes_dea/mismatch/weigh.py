@@ -263,9 +263,15 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     inside = not any(model.coordinate_names[i] in best.at_bound for i in index)
     if inside and np.all(sd < 0.12 * width):
         return best.log_evidence, 0.1
+    # an average over the prior cannot exceed its best point; the grid moves the base linearly and may think it does
+    d, before = model.dimension, base.problem.model
+    moved = np.array([best.q[model.priors.names.index(n)] for n in before.priors.names])
+    own_prior = float(model.log_prior(best.q[None, :d])[0] - before.log_prior(moved[None])[0])
+    most = -(best.objective + own_prior) + base.log_evidence + base.objective
+    grid = min(screened.log_evidence, most)
     if inside and np.all(sd < 0.5 * width):  # a peak between the points is what Laplace sees and the grid does not
-        return max(best.log_evidence, screened.log_evidence), 0.5
-    return screened.log_evidence, 0.5
+        return max(min(best.log_evidence, most), grid), 0.5
+    return grid, 0.5
 
 
 def effect_size(base: Fit, fit: Fit) -> float:

@@ -72,6 +72,7 @@ SIZE = A_SUM + ELEMENTS + 1
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
 _SMALL = 3e-4  # a longer step (strain) is no smooth motion
 _CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
+_COURSE_TOLERANCE = 1e-7  # the same for the course of a mass or a damper, which adds up
 _MAX_ITERATIONS = 60
 
 
@@ -347,6 +348,7 @@ def run(w, law_p, h, u0, u1, out):
     known, B, KP = w[X_H], w[X_LOSS], w[X_LAG]
     rl = w[P_RL]
     D1, D2, step1 = 0.0, 0.0, -1.0
+    start_stress = factor * (V - vq + P) * (V - vq)
     for i in range(h.size):
         whole, done = h[i], 0.0
         step, rise = whole, 0.0
@@ -378,7 +380,7 @@ def run(w, law_p, h, u0, u1, out):
             if rs == 0.0:
                 v2 = (v_start * v_start + v_start * v_end + v_end * v_end) * (1.0 / 3.0)
             vq1, P1, ss, se, dse = vq, P, 0.0, 0.0, 0.0
-            J, y, change, room = 0.0, 0.0, 0.0, 0.0
+            J, y, change, room, G = 0.0, 0.0, 0.0, 0.0, 0.0
             s1, t1, f1, tf1, ph1, dph1, W1, vel1 = s, t, f, tf, ph, dph, 0.0, vel
             good = False
             for it in range(_MAX_ITERATIONS):
@@ -401,7 +403,7 @@ def run(w, law_p, h, u0, u1, out):
                     F0 = ss * ph - s - f - Q
                     if not curved:
                         G = K + Y
-                    elif abs(D) > 1e-9:
+                    elif abs(D) > 1e-7:
                         G = K + ((s1 - s) + (f1 - f) - se * (ph1 - ph)) / D
                     else:
                         G = K + t + tf - se * dph
@@ -441,6 +443,19 @@ def run(w, law_p, h, u0, u1, out):
                     D = math.copysign(0.1, D)
                 if not -5.0 < e + D < 0.95:
                     break
+            if moving and step > 1e-5 * whole:
+                # along the step the law was its chord, and the branches saw its mean course
+                bend = 2.0 * abs(K + t1 + tf1 - se * dph1 - G) * (abs(D) + abs(J)) + B * abs(J)
+                if mass > 0.0 and vel * vel1 < 0.0 and (sy > 0.0 or share > 0.0):
+                    # a turn within the step, which friction and softening remember
+                    bend += step * min(abs(vel), abs(vel1)) * (t1 + tf1 + K)
+                if rs > 0.0:
+                    # the same for the stress of a charging dielectric, where the mass or the damper is quick enough
+                    swift = step * step * (t1 + K) / mass if mass > 0.0 else step * (t1 + K) / damp
+                    bend += 0.3 * abs(ss - start_stress) * min(1.0, 0.25 * swift) + 4.0 * abs(se * J)
+                if not good or 0.1 * bend > _COURSE_TOLERANCE * (t1 + K):
+                    step *= 0.5
+                    continue
             if not good or math.isnan(D):
                 e = math.nan
                 break
@@ -468,6 +483,7 @@ def run(w, law_p, h, u0, u1, out):
                 s1 = Y * e
             s, t, f, tf, ph, dph, vel, V, vq, P = s1, t1, f1, tf1, ph1, dph1, vel1, v1, vq1, P1
             Wm = max(Wm, W1)
+            start_stress = se
             D2, D1, step1 = D1 if step == step1 else D, D, step
             done += step
             if done >= whole * (1.0 - 1e-12):

@@ -35,9 +35,7 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     if past is not None:
         h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
         volts = np.concatenate([past.volts, volts])
-    out = np.empty(h.size)
-    _strain(plant, h, volts, nodes.hold == "linear", out)
-    out = plant.stroke_m * out[-nodes.size:]
+    out = plant.stroke_m * _strain(plant, h, volts, nodes.hold == "linear")[-nodes.size:]
     if plant.alpha_T_m_per_K != 0.0:
         if nodes.temperature_C is None:
             raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
@@ -46,14 +44,18 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     return out
 
 
-def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool, out: NDArray) -> None:
-    u0, u1 = volts, volts
-    if (linear or plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s):
-        u0, u1 = np.empty(h.size), np.empty(h.size)
-        supply(h, volts, linear, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s, u0, u1)
+def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool) -> NDArray[np.float64]:
+    u0, u1, at = volts, volts, None
+    if linear or plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
+        how = (h, volts, linear, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
+        at = np.empty(h.size, dtype=np.int64)
+        lines = supply(*how, *np.empty((3, 0)), at)
+        h, u0, u1 = np.empty((3, lines))
+        supply(*how, h, u0, u1, at)
+    out = np.empty(h.size)
     if not plant.is_linear and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
-        return
+        return out if at is None else out[at]
     start, end = np.empty(h.size), np.empty(h.size)
     drive_lags(h, plant.factor, plant.R_s_ohm, plant.R_leak_ohm, plant.capacitance_F, plant.E_0_V_per_m,
                plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, u0, u1, start, end)
@@ -62,6 +64,7 @@ def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool, out: NDArray
     else:
         network(h, start, end, 0.0, *plant.creep, out)
         _add_spring(plant.law_id, plant.law, end, out)
+    return out if at is None else out[at]
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,54 +17,69 @@ def _limited(v, dead, top):
 
 
 @_jit
-def supply(h, volts, linear, dead, top, slew, tau_fall, u0, u1):
-    """Supply voltage (V) of each step as a straight line u0 -> u1 that has its mean and its end right.
+def supply(h, volts, linear, dead, top, slew, tau_fall, H, u0, u1, last):
+    """Supply voltage (V) as straight lines u0 -> u1 of duration H (s); returns how many there are.
 
     Dead zone and saturation act on the command, then the slew rate limits every change and the fall time constant
-    those towards smaller magnitude. volts (m,): held during the step that ends at a node, or straight between nodes.
+    those towards smaller magnitude. volts (m,): held during the step h (m,) s that ends at a node, or straight between
+    nodes. last (m,): the line that ends at each node. A ramp that ends within a step, or a fall that is curved there,
+    is cut; each line has its end and its mean right. With arrays of size 0 the lines are only counted.
     """
     v = 0.0
-    free = slew == math.inf and tau_fall == 0.0
     slew = min(slew, 1e15)  # infinity times no time is no number
+    count = 0
+    write = H.size > 0
     for i in range(h.size):
         goal = _limited(volts[i], dead, top)
         start = _limited(volts[i - 1], dead, top) if linear and i > 0 else goal
-        if free:
-            u0[i], u1[i] = start, goal
+        if slew >= 1e15 and tau_fall == 0.0:
+            if write:
+                H[count], u0[count], u1[count] = h[i], start, goal
+            count += 1
             v = goal
-            continue
-        step = h[i]
-        if linear and tau_fall == 0.0:
-            end = goal if slew * step >= abs(goal - v) else v + math.copysign(slew * step, goal - v)
-            u0[i], u1[i] = v, end
+        elif linear and tau_fall == 0.0:
+            end = goal if slew * h[i] >= abs(goal - v) else v + math.copysign(slew * h[i], goal - v)
+            if write:
+                H[count], u0[count], u1[count] = h[i], v, end
+            count += 1
             v = end
-            continue
-        # a straight command is taken as held at its middle
-        aim = 0.5 * (start + goal)
-        gap = aim - v
-        falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
-        if falling:
-            d, area, left = abs(gap), 0.0, step
-            limit = slew * tau_fall
-            if d > limit:
-                t = min(left, (d - limit) / slew)
-                area += t * (d - 0.5 * slew * t)
-                d -= slew * t
-                left -= t
-            a = math.exp(-left / tau_fall)
-            area += d * tau_fall * (1.0 - a)
-            d *= a
-            end = aim - math.copysign(d, gap)
-            mean = aim - math.copysign(area / step, gap) if step > 0.0 else end
-        elif slew * step >= abs(gap):
-            t = abs(gap) / slew
-            end = aim
-            mean = aim - 0.5 * gap * t / step if step > 0.0 else end
         else:
-            end = v + math.copysign(slew * step, gap)
-            mean = 0.5 * (v + end)
-        u0[i], u1[i] = 2.0 * mean - end, end
-        v = end
+            # a straight command is taken as held at its middle
+            aim, left = 0.5 * (start + goal), h[i]
+            while True:
+                gap = aim - v
+                falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
+                if falling and abs(gap) <= slew * tau_fall:
+                    step = left
+                    if abs(gap) * (left / tau_fall) ** 2 > 8.0:
+                        # a straight line would miss the course by more than a volt
+                        step = min(left, 0.25 * tau_fall) if abs(gap) > 0.3 else left
+                    z = step / tau_fall
+                    end = aim - gap * math.exp(-z)
+                    mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
+                else:
+                    limit = gap if not falling else gap - math.copysign(slew * tau_fall, gap)
+                    step = min(left, abs(limit) / slew)
+                    end = v + math.copysign(slew * step, gap)
+                    mean = 0.5 * (v + end)
+                    if slew >= 1e15 or abs(limit) / slew < 1e-12:
+                        # at once: what follows is flat, or a fall
+                        end, step = v + limit, 0.0
+                    if not falling and step < left and left - step < 1e-9 * left:
+                        step = left
+                    if not falling and step == 0.0:
+                        step, end, mean = left, aim, aim
+                if step > 0.0 or left == 0.0:
+                    if write:
+                        H[count], u0[count], u1[count] = step, 2.0 * mean - end, end
+                    count += 1
+                v = end
+                left -= step
+                if left <= 1e-9 * h[i]:
+                    break
+        if write:
+            last[i] = count - 1
+    return count
 
 
 @_jit

@@ -71,7 +71,9 @@ def creep(rate: float = 100.0, level: float = 1000.0, hold: float = 30.0) -> tup
     return t, np.where(on, level, 0.0)
 
 
-def sine(rate: float = 200.0, f: float = 1.0, mean: float = 650.0, amplitude: float = 400.0) -> tuple[np.ndarray, np.ndarray]:
+def sine(
+    rate: float = 200.0, f: float = 1.0, mean: float = 650.0, amplitude: float = 400.0
+) -> tuple[np.ndarray, np.ndarray]:
     t = times(0.5 + 8 / f + 0.5, rate)
     on = (t >= 0.5) & (t < 0.5 + 8 / f)
     return t, np.where(on, mean + amplitude * np.sin(2 * np.pi * f * (t - 0.5)), 0.0)
@@ -100,8 +102,16 @@ def voltage_truth(kind: str, t: np.ndarray, v: np.ndarray, s: np.ndarray, rate: 
     return Truth(kind, {"time_s": t, "voltage_V": v, "displacement_m": s, **more}, rate)
 
 
-def text(head: str, columns: list[np.ndarray], delimiter: str, decimal: str = ".", digits: str = "%.6f",
-         end: str = "\n", tail: str = "", quote: bool = False) -> str:
+def text(
+    head: str,
+    columns: list[np.ndarray],
+    delimiter: str,
+    decimal: str = ".",
+    digits: str = "%.6f",
+    end: str = "\n",
+    tail: str = "",
+    quote: bool = False,
+) -> str:
     rows = []
     for row in zip(*columns, strict=True):
         cells = [x if isinstance(x, str) else (digits % x).replace(".", decimal) for x in row]
@@ -125,8 +135,9 @@ def matlab_struct(root: Path) -> Case:
     t, v = sine()
     s = stroke(t, v)
     path = root / "run07.mat"
-    scipy.io.savemat(path, {"rec": {"t": t[:, None], "U_kV": v[:, None] / 1e3, "s_um": s[:, None] * 1e6,
-                                    "info": "stack B, day 2"}})
+    scipy.io.savemat(
+        path, {"rec": {"t": t[:, None], "U_kV": v[:, None] / 1e3, "s_um": s[:, None] * 1e6, "info": "stack B, day 2"}}
+    )
     return Case(".mat v5, struct with kV and um", (path,), (voltage_truth("sine", t, v, s, 200.0),))
 
 
@@ -207,12 +218,19 @@ def parquet_metadata(root: Path) -> Case:
     t, v = creep()
     s = stroke(t, v)
     stamps = pa.array((t * 1e9).astype(np.int64) + 1_714_990_000_000_000_000, pa.timestamp("ns"))
-    schema = pa.schema([pa.field("timestamp", stamps.type), pa.field("hv", pa.float64(), metadata={"unit": "kV"}),
-                        pa.field("laser", pa.float64(), metadata={"unit": "mm"})], metadata={"device": "bench 3"})
+    schema = pa.schema(
+        [
+            pa.field("timestamp", stamps.type),
+            pa.field("hv", pa.float64(), metadata={"unit": "kV"}),
+            pa.field("laser", pa.float64(), metadata={"unit": "mm"}),
+        ],
+        metadata={"device": "bench 3"},
+    )
     path = root / "run.parquet"
     parquet.write_table(pa.table([stamps, pa.array(v / 1e3), pa.array(20.0 - s * 1e3)], schema=schema), path)
-    return Case("Parquet, timestamps, units as metadata, laser falls", (path,),
-                (voltage_truth("creep", t, v, s, 100.0),))
+    return Case(
+        "Parquet, timestamps, units as metadata, laser falls", (path,), (voltage_truth("creep", t, v, s, 100.0),)
+    )
 
 
 # -- LabVIEW, oscilloscopes ---------------------------------------------------------------------------------------
@@ -222,12 +240,14 @@ def parquet_metadata(root: Path) -> Case:
 def labview_lvm(root: Path) -> Case:
     t, v = sine()
     s = stroke(t, v)
-    head = ("LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
-            "Multi_Headings\tNo\nX_Columns\tOne\nTime_Pref\tRelative\nOperator\tlab\nDate\t2024/05/06\n"
-            "Time\t12:01:33,5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\t\nSamples\t1800\t1800\t\t\n"
-            "Date\t2024/05/06\t2024/05/06\t\t\nTime\t12:01:33,5\t12:01:33,5\t\t\nY_Unit_Label\tVolts\tMeters\t\t\n"
-            "X_Dimension\tTime\tTime\t\t\nX0\t0,0E+0\t0,0E+0\t\t\nDelta_X\t0,005\t0,005\t\t\n"
-            "***End_of_Header***\t\t\t\t\nX_Value\tVoltage\tDisplacement\tComment\n")
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
+        "Multi_Headings\tNo\nX_Columns\tOne\nTime_Pref\tRelative\nOperator\tlab\nDate\t2024/05/06\n"
+        "Time\t12:01:33,5\n***End_of_Header***\t\n\t\nChannels\t2\t\t\t\nSamples\t1800\t1800\t\t\n"
+        "Date\t2024/05/06\t2024/05/06\t\t\nTime\t12:01:33,5\t12:01:33,5\t\t\nY_Unit_Label\tVolts\tMeters\t\t\n"
+        "X_Dimension\tTime\tTime\t\t\nX0\t0,0E+0\t0,0E+0\t\t\nDelta_X\t0,005\t0,005\t\t\n"
+        "***End_of_Header***\t\t\t\t\nX_Value\tVoltage\tDisplacement\tComment\n"
+    )
     path = write(root / "test_001.lvm", text(head, [t, v, s], "\t", ",", "%.9f"))
     return Case("LabVIEW .lvm, tab, decimal comma", (path,), (voltage_truth("sine", t, v, s, 200.0),))
 
@@ -236,18 +256,24 @@ def labview_lvm(root: Path) -> Case:
 def labview_lvm_no_x(root: Path) -> Case:
     t, v = triangle()
     s = stroke(t, v)
-    head = ("LabVIEW Measurement\t\r\nSeparator\tTab\r\nDecimal_Separator\t.\r\nX_Columns\tNo\r\n"
-            "***End_of_Header***\t\r\n\t\r\nChannels\t2\t\t\r\nSamples\t1400\t1400\t\r\n"
-            "Y_Unit_Label\tkV\tmm\t\r\nX_Dimension\tTime\tTime\t\r\nX0\t0.0E+0\t0.0E+0\t\r\n"
-            "Delta_X\t0.010000\t0.010000\t\r\n***End_of_Header***\t\t\t\r\n\tHV set\tStroke\tComment\r\n")
-    path = write(root / "test_002.lvm", text(head, [np.full(t.size, "", dtype=object), v / 1e3, s * 1e3], "\t", ".",
-                                             "%.7f", "\r\n"))
+    head = (
+        "LabVIEW Measurement\t\r\nSeparator\tTab\r\nDecimal_Separator\t.\r\nX_Columns\tNo\r\n"
+        "***End_of_Header***\t\r\n\t\r\nChannels\t2\t\t\r\nSamples\t1400\t1400\t\r\n"
+        "Y_Unit_Label\tkV\tmm\t\r\nX_Dimension\tTime\tTime\t\r\nX0\t0.0E+0\t0.0E+0\t\r\n"
+        "Delta_X\t0.010000\t0.010000\t\r\n***End_of_Header***\t\t\t\r\n\tHV set\tStroke\tComment\r\n"
+    )
+    path = write(
+        root / "test_002.lvm",
+        text(head, [np.full(t.size, "", dtype=object), v / 1e3, s * 1e3], "\t", ".", "%.7f", "\r\n"),
+    )
     return Case("LabVIEW .lvm without time, Delta_X", (path,), (voltage_truth("triangle", t, v, s, 100.0),))
 
 
-TEK = ("Model,DPO2014\nFirmware Version,1.52\n\nPoint Format,Y,\nHorizontal Units,S,\nHorizontal Scale,1,\n"
-       "Sample Interval,0.005,\nRecord Length,{n},\nProbe Attenuation,1000,1,\nVertical Units,{units},\n"
-       "Vertical Offset,0,0,\nLabel,{labels},\n{names}\n")
+TEK = (
+    "Model,DPO2014\nFirmware Version,1.52\n\nPoint Format,Y,\nHorizontal Units,S,\nHorizontal Scale,1,\n"
+    "Sample Interval,0.005,\nRecord Length,{n},\nProbe Attenuation,1000,1,\nVertical Units,{units},\n"
+    "Vertical Offset,0,0,\nLabel,{labels},\n{names}\n"
+)
 
 
 @maker
@@ -265,8 +291,12 @@ def tektronix_volts(root: Path) -> Case:
     s = stroke(t, v)
     head = TEK.format(n=t.size, units="V,V", labels=",", names="TIME,CH1,CH2").replace("1000,1", "1,1")
     path = write(root / "tek0004.csv", text(head, [t - 3.5, v / 1000.0, 5.0 + s * 2e4], ",", digits="%.9e"))
-    return Case("Tektronix, monitor and laser both in volts", (path,), (voltage_truth("rectangle", t, v, s, 200.0),),
-                open=("scale of CH1", "scale of CH2"))
+    return Case(
+        "Tektronix, monitor and laser both in volts",
+        (path,),
+        (voltage_truth("rectangle", t, v, s, 200.0),),
+        open=("scale of CH1", "scale of CH2"),
+    )
 
 
 @maker
@@ -274,8 +304,9 @@ def rigol(root: Path) -> Case:
     t, v = sine()
     s = stroke(t, v)
     head = "X,HV,Laser,Start,Increment,\nSequence,Volt,mm,-4.500000e+00,5.000000e-03,\n"
-    path = write(root / "NewFile1.csv", text(head, [np.arange(t.size).astype(str), v, s * 1e3], ",", digits="%.6e",
-                                             tail=",,,"))
+    path = write(
+        root / "NewFile1.csv", text(head, [np.arange(t.size).astype(str), v, s * 1e3], ",", digits="%.6e", tail=",,,")
+    )
     return Case("Rigol, sequence number and increment", (path,), (voltage_truth("sine", t, v, s, 200.0),))
 
 
@@ -297,7 +328,9 @@ def hold_still(rate: float = 20.0, travel: float = 1.5e-3) -> tuple[np.ndarray, 
     t = times(120.0, rate)
     x = np.clip((t - 1.0) * 5e-3, 0.0, travel)
     peak = 18.0 * x / travel
-    f = peak * (0.7 + 0.3 * np.exp(-(t - 1.3).clip(0) / 15.0)) + 0.004 * np.random.default_rng(5).standard_normal(t.size)
+    f = peak * (0.7 + 0.3 * np.exp(-(t - 1.3).clip(0) / 15.0)) + 0.004 * np.random.default_rng(5).standard_normal(
+        t.size
+    )
     return t, np.round(x, 7), np.round(f, 3)
 
 
@@ -306,18 +339,23 @@ def wintest_gbk(root: Path) -> Case:
     t, x, f = squeeze()
     head = "压缩试验\r\n时间,位移,力\r\n(s),(mm),(N)\r\n"
     path = write(root / "压缩1.csv", text(head, [t, x * 1e3, f], ",", digits="%.4f", end="\r\n", quote=True), "gbk")
-    return Case("WinTest, GBK, two header lines, quoted", (path,),
-                (Truth("compression", {"time_s": t, "position_m": x, "force_N": f}, 50.0),))
+    return Case(
+        "WinTest, GBK, two header lines, quoted",
+        (path,),
+        (Truth("compression", {"time_s": t, "position_m": x, "force_N": f}, 50.0),),
+    )
 
 
 @maker
 def wintest_latin(root: Path) -> Case:
     t, x, f = hold_still()
-    head = ("Prüfung;Druckversuch\r\nPrüfer;M. Müller\r\n\r\nPrüfzeit;Traversenweg;Prüfkraft\r\n"
-            "s;mm;N\r\n")
+    head = "Prüfung;Druckversuch\r\nPrüfer;M. Müller\r\n\r\nPrüfzeit;Traversenweg;Prüfkraft\r\ns;mm;N\r\n"
     path = write(root / "Probe_3.txt", text(head, [t, x * 1e3, f], ";", ",", "%.4f", "\r\n"), "latin-1")
-    return Case("WinTest, latin-1, semicolons, decimal commas", (path,),
-                (Truth("relaxation", {"time_s": t, "position_m": x, "force_N": f}, 20.0),))
+    return Case(
+        "WinTest, latin-1, semicolons, decimal commas",
+        (path,),
+        (Truth("relaxation", {"time_s": t, "position_m": x, "force_N": f}, 20.0),),
+    )
 
 
 @maker
@@ -325,8 +363,11 @@ def machine_tension_positive(root: Path) -> Case:
     t, x, f = squeeze(cycles=2)
     head = '"Time [s]"\t"Crosshead [mm]"\t"Load [N]"\n'
     path = write(root / "compression_machine.tsv", text(head, [t, -x * 1e3, -f], "\t", digits="%.5f"))
-    return Case("testing machine, compression negative", (path,),
-                (Truth("compression", {"time_s": t, "position_m": x, "force_N": f}, 50.0),))
+    return Case(
+        "testing machine, compression negative",
+        (path,),
+        (Truth("compression", {"time_s": t, "position_m": x, "force_N": f}, 50.0),),
+    )
 
 
 # -- plain text ---------------------------------------------------------------------------------------------------
@@ -336,8 +377,10 @@ def machine_tension_positive(root: Path) -> Case:
 def kv_mm_falling(root: Path) -> Case:
     t, v = creep()
     s = stroke(t, v)
-    path = write(root / "creep.csv", text("Time (s),HV monitor (kV),Laser distance (mm)\n",
-                                          [t, v / 1e3, 34.2 - s * 1e3], ",", digits="%.5f"))
+    path = write(
+        root / "creep.csv",
+        text("Time (s),HV monitor (kV),Laser distance (mm)\n", [t, v / 1e3, 34.2 - s * 1e3], ",", digits="%.5f"),
+    )
     return Case("CSV, kV and mm, laser distance falls", (path,), (voltage_truth("creep", t, v, s, 100.0),))
 
 
@@ -346,8 +389,11 @@ def iso_times(root: Path) -> Case:
     t, v = triangle()
     s = stroke(t, v)
     stamps = [str(np.datetime64("2024-05-06T23:59:55.000") + np.timedelta64(round(x * 1000), "ms")) for x in t]
-    path = write(root / "logger.csv", text("Timestamp;U in V;Weg in µm\n", [np.array(stamps), v, s * 1e6], ";", ",",
-                                           "%.3f"), "cp1252")
+    path = write(
+        root / "logger.csv",
+        text("Timestamp;U in V;Weg in µm\n", [np.array(stamps), v, s * 1e6], ";", ",", "%.3f"),
+        "cp1252",
+    )
     return Case("CSV, ISO time stamps, semicolons, cp1252", (path,), (voltage_truth("triangle", t, v, s, 100.0),))
 
 
@@ -357,8 +403,10 @@ def clock_times(root: Path) -> Case:
     s = stroke(t, v)
     seconds = 86395.0 + t
     stamps = [f"{int(x // 3600) % 24:02d}:{int(x // 60) % 60:02d}:{x % 60:06.3f}" for x in seconds]
-    path = write(root / "clock.csv", text("Time,Voltage [V],Displacement [um]\n", [np.array(stamps), v, s * 1e6], ",",
-                                          digits="%.3f"))
+    path = write(
+        root / "clock.csv",
+        text("Time,Voltage [V],Displacement [um]\n", [np.array(stamps), v, s * 1e6], ",", digits="%.3f"),
+    )
     return Case("CSV, hh:mm:ss.fff past midnight", (path,), (voltage_truth("sine", t, v, s, 100.0),))
 
 
@@ -366,10 +414,14 @@ def clock_times(root: Path) -> Case:
 def date_and_clock(root: Path) -> Case:
     t, v = creep(50.0)
     s = stroke(t, v)
-    stamps = [f"06.05.2024 14:{int(x // 60):02d}:{x % 60:06.3f}".replace(".", ",").replace("06,05,2024", "06.05.2024")
-              for x in t]
-    path = write(root / "datum.csv", text("Zeitstempel;Spannung (V);Weg (mm)\n", [np.array(stamps), v, s * 1e3], ";",
-                                          ",", "%.5f"))
+    stamps = [
+        f"06.05.2024 14:{int(x // 60):02d}:{x % 60:06.3f}".replace(".", ",").replace("06,05,2024", "06.05.2024")
+        for x in t
+    ]
+    path = write(
+        root / "datum.csv",
+        text("Zeitstempel;Spannung (V);Weg (mm)\n", [np.array(stamps), v, s * 1e3], ";", ",", "%.5f"),
+    )
     return Case("CSV, dd.mm.yyyy hh:mm:ss,fff", (path,), (voltage_truth("creep", t, v, s, 50.0),))
 
 
@@ -401,10 +453,14 @@ def german_no_units(root: Path) -> Case:
 def excel_utf16(root: Path) -> Case:
     t, v = multilevel()
     s = stroke(t, v)
-    path = write(root / "Unicode.txt", text("Zeit [ms]\tSollspannung [V]\tAuslenkung [µm]\r\n",
-                                            [t * 1e3, v, s * 1e6], "\t", ",", "%.3f", "\r\n"), "utf-16")
-    return Case("Excel Unicode text (UTF-16, tab, decimal comma)", (path,),
-                (voltage_truth("voltage", t, v, s, 100.0),))
+    path = write(
+        root / "Unicode.txt",
+        text("Zeit [ms]\tSollspannung [V]\tAuslenkung [µm]\r\n", [t * 1e3, v, s * 1e6], "\t", ",", "%.3f", "\r\n"),
+        "utf-16",
+    )
+    return Case(
+        "Excel Unicode text (UTF-16, tab, decimal comma)", (path,), (voltage_truth("voltage", t, v, s, 100.0),)
+    )
 
 
 @maker
@@ -412,8 +468,10 @@ def epoch_ms(root: Path) -> Case:
     t, v = sine(100.0)
     s = stroke(t, v)
     stamps = np.array([str(1_714_990_000_000 + round(x * 1e3)) for x in t])
-    path = write(root / "epoch.csv", text("timestamp,hv_setpoint_V,displacement_um\n", [stamps, v, s * 1e6], ",",
-                                          digits="%.3f"))
+    path = write(
+        root / "epoch.csv",
+        text("timestamp,hv_setpoint_V,displacement_um\n", [stamps, v, s * 1e6], ",", digits="%.3f"),
+    )
     return Case("CSV, milliseconds since 1970", (path,), (voltage_truth("sine", t, v, s, 100.0),))
 
 
@@ -422,11 +480,21 @@ def command_and_monitor(root: Path) -> Case:
     t, v = sine(200.0)
     s = stroke(t, v)
     measured = np.concatenate(([v[0]], v[:-1])) + 2.0 * np.random.default_rng(9).standard_normal(t.size)
-    path = write(root / "both.csv", text("t/s,U_soll/V,U_ist/V,s/µm,T/°C\n",
-                                         [t, v, measured, s * 1e6, np.full(t.size, 21.5)], ",", digits="%.3f"))
-    return Case("command and read-back, temperature", (path,),
-                (voltage_truth("sine", t, v, s, 200.0, measured_voltage_V=np.round(measured, 3),
-                               temperature_C=np.full(t.size, 21.5)),))
+    path = write(
+        root / "both.csv",
+        text(
+            "t/s,U_soll/V,U_ist/V,s/µm,T/°C\n", [t, v, measured, s * 1e6, np.full(t.size, 21.5)], ",", digits="%.3f"
+        ),
+    )
+    return Case(
+        "command and read-back, temperature",
+        (path,),
+        (
+            voltage_truth(
+                "sine", t, v, s, 200.0, measured_voltage_V=np.round(measured, 3), temperature_C=np.full(t.size, 21.5)
+            ),
+        ),
+    )
 
 
 # -- one long file ------------------------------------------------------------------------------------------------
@@ -435,14 +503,20 @@ def command_and_monitor(root: Path) -> Case:
 @maker
 def long_protocol(root: Path) -> Case:
     rate = 100.0
-    parts = [("creep", creep(rate, 600.0)[1]), ("creep", creep(rate, 1000.0)[1]), ("sine", sine(rate)[1]),
-             ("triangle", triangle(rate)[1]), ("rectangle", rectangle(rate)[1])]
+    parts = [
+        ("creep", creep(rate, 600.0)[1]),
+        ("creep", creep(rate, 1000.0)[1]),
+        ("sine", sine(rate)[1]),
+        ("triangle", triangle(rate)[1]),
+        ("rectangle", rectangle(rate)[1]),
+    ]
     pause = np.zeros(int(20 * rate))
     v = np.concatenate([np.concatenate([p, pause]) for _, p in parts])
     t = np.arange(v.size) / rate
     s = stroke(t, v)
-    path = write(root / "day.csv", text("Time (s),Voltage (V),Displacement (um)\n", [t, v, s * 1e6], ",",
-                                        digits="%.3f"))
+    path = write(
+        root / "day.csv", text("Time (s),Voltage (V),Displacement (um)\n", [t, v, s * 1e6], ",", digits="%.3f")
+    )
     truth, start = [], 0
     for kind, p in parts:
         # the truth holds the driven part; how much of the pauses belongs to it is the importer's to choose
@@ -462,7 +536,7 @@ def long_restarts(root: Path) -> Case:
     path = write(root / "joined.csv", text("t [s];U [kV];x [mm]\n", [t, v / 1e3, s * 1e3], ";", digits="%.6f"))
     truth, start = [], 0
     for kind, a, b in made:
-        truth.append(voltage_truth(kind, a, b, s[start:start + a.size], 100.0))
+        truth.append(voltage_truth(kind, a, b, s[start : start + a.size], 100.0))
         start += a.size
     return Case("one long file: time begins again", (path,), tuple(truth))
 
@@ -473,11 +547,18 @@ def run_column(root: Path) -> Case:
     s = [stroke(m[1], m[2], seed=i) for i, m in enumerate(made)]
     offset = made[0][1][-1] + 0.01
     runs = np.concatenate([np.full(m[1].size, str(i + 1), dtype=object) for i, m in enumerate(made)])
-    columns = [runs, np.concatenate([made[0][1], made[1][1] + offset]), np.concatenate([m[2] for m in made]),
-               np.concatenate(s) * 1e6]
+    columns = [
+        runs,
+        np.concatenate([made[0][1], made[1][1] + offset]),
+        np.concatenate([m[2] for m in made]),
+        np.concatenate(s) * 1e6,
+    ]
     path = write(root / "runs.csv", text("Run,Time (s),Voltage (V),Displacement (um)\n", columns, ",", digits="%.3f"))
-    return Case("one long file: run number", (path,),
-                tuple(voltage_truth(k, a, b, x, 100.0) for (k, a, b), x in zip(made, s, strict=True)))
+    return Case(
+        "one long file: run number",
+        (path,),
+        tuple(voltage_truth(k, a, b, x, 100.0) for (k, a, b), x in zip(made, s, strict=True)),
+    )
 
 
 # -- other kinds --------------------------------------------------------------------------------------------------
@@ -488,20 +569,26 @@ def blocked_force(root: Path) -> Case:
     t, v = rectangle()
     f = np.round(2.1 * (v / 1000.0) ** 2 + 0.002 * np.random.default_rng(2).standard_normal(t.size), 4)
     path = write(root / "blocked.csv", text("t [s],U [V],F [mN]\n", [t, v, f * 1e3], ",", digits="%.3f"))
-    return Case("blocked force, mN", (path,),
-                (Truth("blocked_force", {"time_s": t, "voltage_V": v, "force_N": f}, 200.0),))
+    return Case(
+        "blocked force, mN", (path,), (Truth("blocked_force", {"time_s": t, "voltage_V": v, "force_N": f}, 200.0),)
+    )
 
 
 @maker
 def weight(root: Path) -> Case:
     t = times(200.0, 10.0)
     f = np.where(t >= 5.0, 0.981, 0.0)
-    s = np.round(3e-4 * f / 0.981 * (1 - 0.3 * np.exp(-(t - 5).clip(0) / 30.0))
-                 + 1e-6 * np.random.default_rng(7).standard_normal(t.size), 8)
-    path = write(root / "weight_100g.csv", text("time (s),load (N),displacement (mm)\n", [t, f, s * 1e3], ",",
-                                                digits="%.5f"))
-    return Case("creep under a weight", (path,),
-                (Truth("load", {"time_s": t, "force_N": f, "displacement_m": s}, 10.0),))
+    s = np.round(
+        3e-4 * f / 0.981 * (1 - 0.3 * np.exp(-(t - 5).clip(0) / 30.0))
+        + 1e-6 * np.random.default_rng(7).standard_normal(t.size),
+        8,
+    )
+    path = write(
+        root / "weight_100g.csv", text("time (s),load (N),displacement (mm)\n", [t, f, s * 1e3], ",", digits="%.5f")
+    )
+    return Case(
+        "creep under a weight", (path,), (Truth("load", {"time_s": t, "force_N": f, "displacement_m": s}, 10.0),)
+    )
 
 
 @maker
@@ -509,8 +596,11 @@ def capacitance(root: Path) -> Case:
     s = np.linspace(0.0, 5e-4, 26)
     c = 1.05e-8 * (1 + s / 0.01) ** 2
     path = write(root / "cap.csv", text("displacement (mm),C (nF)\n", [s * 1e3, c * 1e9], ",", digits="%.6f"))
-    return Case("capacitance over displacement", (path,),
-                (Truth("capacitance", {"displacement_m": s, "capacitance_F": c}, 0.0),))
+    return Case(
+        "capacitance over displacement",
+        (path,),
+        (Truth("capacitance", {"displacement_m": s, "capacitance_F": c}, 0.0),),
+    )
 
 
 # -- what the file does not hold ----------------------------------------------------------------------------------
@@ -520,10 +610,18 @@ def capacitance(root: Path) -> Case:
 def no_rate(root: Path) -> Case:
     t, v = sine()
     s = stroke(t, v)
-    path = write(root / "norate.csv", text("No.,Voltage (V),Displacement (mm)\n",
-                                           [np.arange(1, t.size + 1).astype(str), v, s * 1e3], ",", digits="%.6f"))
-    return Case("sample number only, no rate", (path,), (voltage_truth("sine", t, v, s, 200.0),),
-                open=("sample rate",))
+    path = write(
+        root / "norate.csv",
+        text(
+            "No.,Voltage (V),Displacement (mm)\n",
+            [np.arange(1, t.size + 1).astype(str), v, s * 1e3],
+            ",",
+            digits="%.6f",
+        ),
+    )
+    return Case(
+        "sample number only, no rate", (path,), (voltage_truth("sine", t, v, s, 200.0),), open=("sample rate",)
+    )
 
 
 @maker
@@ -532,9 +630,12 @@ def tension_or_compression(root: Path) -> Case:
     x = 1e-3 * (1 - np.abs(((t / 20.0) % 1.0) * 2 - 1))
     f = 8.0 * x / 1e-3 + 0.01 * np.random.default_rng(8).standard_normal(t.size)
     path = write(root / "probe.csv", text("t (s),x (mm),F (N)\n", [t, x * 1e3, f], ",", digits="%.4f"))
-    return Case("force and travel, tension or compression not said", (path,),
-                (Truth("compression", {"time_s": t, "position_m": np.round(x, 7), "force_N": np.round(f, 4)}, 20.0),),
-                open=("tension or compression",))
+    return Case(
+        "force and travel, tension or compression not said",
+        (path,),
+        (Truth("compression", {"time_s": t, "position_m": np.round(x, 7), "force_N": np.round(f, 4)}, 20.0),),
+        open=("tension or compression",),
+    )
 
 
 def make_all(root: Path) -> list[Case]:

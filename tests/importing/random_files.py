@@ -1,4 +1,6 @@
-"""Text files drawn at random: signal, names, units, order of columns, delimiter, noise and sign, each with its truth."""
+"""Text files drawn at random: signal, names, units, order of columns, delimiter, noise and sign, each with its
+truth.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +10,48 @@ import numpy as np
 from make_files import Case, creep, rectangle, stroke, text, times, triangle, voltage_truth, write
 from scipy.signal import lfilter
 
-SHAPES = ("creep", "recovery", "conditioned", "negative", "sine", "bipolar", "short sine", "triangle", "ramps", "rectangle",
-          "two pulses", "stairs", "chirp", "noise", "telegraph")
+SHAPES = (
+    "creep",
+    "recovery",
+    "conditioned",
+    "negative",
+    "sine",
+    "bipolar",
+    "short sine",
+    "triangle",
+    "ramps",
+    "rectangle",
+    "two pulses",
+    "stairs",
+    "chirp",
+    "noise",
+    "telegraph",
+)
 TIMES = ("t [s]", "Time (s)", "Zeit/s", "time", "t", "Elapsed Time (sec)", "Zeit [ms]", "时间(s)")
-VOLTAGES = ("U [V]", "Voltage (V)", "HV (kV)", "Spannung/kV", "voltage", "V_cmd (V)", "Amplifier output [kV]", "电压(V)", "U",
-            "hv_set")
-LENGTHS = ("s [mm]", "Displacement (um)", "Weg/µm", "displacement", "Laser (mm)", "Stroke [m]", "x", "位移(mm)",
-           "LDS reading (mm)", "y_um")
+VOLTAGES = (
+    "U [V]",
+    "Voltage (V)",
+    "HV (kV)",
+    "Spannung/kV",
+    "voltage",
+    "V_cmd (V)",
+    "Amplifier output [kV]",
+    "电压(V)",
+    "U",
+    "hv_set",
+)
+LENGTHS = (
+    "s [mm]",
+    "Displacement (um)",
+    "Weg/µm",
+    "displacement",
+    "Laser (mm)",
+    "Stroke [m]",
+    "x",
+    "位移(mm)",
+    "LDS reading (mm)",
+    "y_um",
+)
 
 
 def signal(shape: str, rate: float, peak: float, rng: np.random.Generator) -> tuple[str, np.ndarray, np.ndarray]:
@@ -73,8 +110,15 @@ def random_case(rng: np.random.Generator, path: Path) -> Case:
     names = [str(rng.choice(pool)) for pool in (TIMES, VOLTAGES, LENGTHS)]
     header = rng.random() < 0.8
     in_time = 1e3 if "ms" in names[0] and header else 1.0
-    in_length = 1.0 if "[m]" in names[2] else 1e6 if names[2][-3:] in ("um)", "/µm", "_um") else 1e3 if "mm" in names[2] else (
-        float(rng.choice([1, 1e3, 1e6])))
+    in_length = (
+        1.0
+        if "[m]" in names[2]
+        else 1e6
+        if names[2][-3:] in ("um)", "/µm", "_um")
+        else 1e3
+        if "mm" in names[2]
+        else (float(rng.choice([1, 1e3, 1e6])))
+    )
     sign, distance = int(rng.choice([1, 1, -1])), float(rng.choice([0, 0, 0.03]))
     measured = v + (1.5 * rng.standard_normal(t.size) if rng.random() < 0.3 else 0.0)
     columns = [t * in_time, measured * (1e-3 if "kV" in names[1] else 1.0), (distance + sign * s) * in_length]
