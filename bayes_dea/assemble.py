@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from .forward import memory, simulate
 from .likelihood.block_group import BlockGroup, build_block_groups
 from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
+from .likelihood.plant_group import build_plant_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
 from .likelihood.prepare import Prepared, prepare_all, rate_classes
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
@@ -48,10 +49,16 @@ class Assembled:
         return any(isinstance(g, BlockGroup) for g in self.posterior.groups)
 
 
-def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
+def assemble(
+    campaign: Campaign,
+    model: Model,
+    workers: int = 1,
+    report: Callable[[float, float, str], None] | None = None,
+) -> Assembled:
     """Posterior of `model` on the recordings of `campaign` with role identify; those to validate are carried along.
 
-    Raises InputError when geometry or sensors that the model needs are missing, or nothing is left to fit.
+    report: called with (done, of, name) as recordings are prepared. Raises InputError when geometry or sensors that the
+    model needs are missing, or nothing is left to fit.
     """
     warnings: list[str] = list(campaign.warnings)
     used = _usable(campaign, model, warnings)
@@ -60,7 +67,7 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
             require(r.actuator, VOLTAGE_GEOMETRY, f"{r.name} (a voltage recording)")
         else:
             require(r.actuator, ("stack_height_m", "total_area_m2"), f"{r.name} (a mechanical recording)")
-    prepared = prepare_all(campaign, used, workers)
+    prepared = prepare_all(campaign, used, workers, report)
     for p in prepared:
         warnings += _disturbances(p)
     voltage = tuple(p for p in prepared if p.recording.is_voltage)
@@ -80,15 +87,21 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
         linear = build_linear_groups(voltage, terms, rates["displacement"], workers)
     groups: list[LinearGroup | BlockGroup] = []
     if voltage:
-        if any(terms[p.name].interval_needed for p in voltage) and not model.is_black_box:
+        if model.spec.effects:
+            groups += build_plant_groups(voltage, terms, rates["displacement"], "displacement")
+        elif any(terms[p.name].interval_needed for p in voltage) and not model.is_black_box:
             groups += build_interval_groups(voltage, terms, rates["displacement"], "displacement")
         elif model.is_linear:
             groups += linear
         else:
             groups += build_block_groups(voltage, terms, rates["displacement"], "displacement")
     if mechanical:
-        build = build_interval_groups if any(terms[p.name].interval_needed for p in mechanical) else build_block_groups
-        groups += build(mechanical, terms, rates["force"], "force", scatter)
+        if model.spec.effects:
+            groups += build_plant_groups(mechanical, terms, rates["force"], "force", scatter)
+        elif any(terms[p.name].interval_needed for p in mechanical):
+            groups += build_interval_groups(mechanical, terms, rates["force"], "force", scatter)
+        else:
+            groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
     zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
     specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
     for p in prepared:
@@ -98,6 +111,9 @@ def assemble(campaign: Campaign, model: Model, workers: int = 1) -> Assembled:
                 "or share all parameters by calling it the same specimen"
             )
     own = _own_parameters(campaign, model, specimens)
+    if own and model.spec.effects:
+        raise InputError(f"[share] parameters: {model.name} has effects, which are calibrated with everything shared; "
+                         "take [share] out or calibrate the specimens one by one")
     if own:
         model = replace(model, plain=True)
     posterior = Posterior(model, tuple(groups), tuple(channels), zeros, specimens, own)

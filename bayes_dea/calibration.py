@@ -102,7 +102,7 @@ def calibrate(
     r_map, r_start, r_sample, r_evidence, r_predict, r_prior = rng.spawn(6)
 
     say("reading noise", 0, 1, campaign.name)
-    assembled = assemble(campaign, model, s.workers)
+    assembled = assemble(campaign, model, s.workers, lambda *at: say("reading noise", *at))
     clock.lap("assemble")
     say("searching the MAP", 0, 1, f"{s.map.swarms} swarms")
     found, posterior = find_map(
@@ -112,6 +112,8 @@ def calibrate(
         r_map,
         s.map,
         assembled.refresh if assembled.has_blocks else None,
+        _effect_starts(assembled, model, r_map, s) if model.spec.effects else (),
+        lambda *at: say("searching the MAP", *at),
     )
     clock.lap("map")
     start = _walkers(found, posterior, s, r_start)
@@ -190,6 +192,14 @@ def calibrate(
         prior_predictive,
         summary,
     )
+
+
+def _effect_starts(
+    assembled: Assembled, model: Model, rng: np.random.Generator, s: CalibrationSettings
+) -> list[NDArray[np.float64]]:
+    from .mismatch.starts import effect_starts
+
+    return effect_starts(assembled, model, rng, s.map)
 
 
 def _sample(

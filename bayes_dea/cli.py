@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import os
 import sys
@@ -54,12 +55,12 @@ def main() -> None:
     except Interrupted as again:  # a second one while the first was being told
         status = again.exit_status
     signals.ignore()
-    if status in (130, 143):
-        # files that were open when it was stopped would still complain about it when they are collected
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
-    sys.exit(status)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    # all is written: taking down everything that was imported takes a second, and files that were open when a signal
+    # came would complain once more
+    os._exit(status)
 
 
 def _run() -> int:

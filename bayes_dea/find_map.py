@@ -9,7 +9,7 @@ out in the same way; where neither form holds (fixed parameters), over the whole
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -268,25 +268,28 @@ def find_map(
     rng: np.random.Generator,
     settings: MapSettings | None = None,
     refresh: Callable[[Posterior, NDArray], Posterior] | None = None,
+    given: Sequence[NDArray] = (),
+    report: Callable[[float, float, str], None] | None = None,
 ) -> tuple[MapResult, Posterior]:
     """Maximum of the posterior and the posterior itself, with its block reference at that maximum.
 
     search_model: the linear model whose time constants the swarm searches (the model itself, or its linearisation).
     linear_groups: Gram groups of the voltage recordings; empty when there are none. refresh: gives the posterior with
-    its within-block reference moved to a point (None when nothing is in blocks).
+    its within-block reference moved to a point (None when nothing is in blocks). given: starts (d,) that were found
+    otherwise and take the place of the swarms'. report: called with (done, of, text) after each start.
     """
     s = settings or MapSettings()
     newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
     evaluations = 0
     best: NewtonPolish | None = None
     for _ in range(_ROUNDS):
-        starts, count = _starts(posterior, search_model, linear_groups, rng, s)
+        starts, count = (list(given), 0) if len(given) else _starts(posterior, search_model, linear_groups, rng, s)
         swarms = len(starts)
         if best is not None:
             starts.append(best.x)
         if refresh is not None:
             posterior = refresh(posterior, starts[0] if best is None else best.x)
-        found = _polish_all(posterior, starts, newton)
+        found = _polish_all(posterior, starts, newton, report)
         evaluations += count + sum(f.evaluations for f in {id(f): f for f in found}.values())
         best = max(found, key=lambda f: f.value)
         runs = found[:swarms]
@@ -316,7 +319,12 @@ def _starts(
     return _box_starts(posterior, rng, s)
 
 
-def _polish_all(posterior: Posterior, starts: list[NDArray], newton: NewtonSettings) -> list[NewtonPolish]:
+def _polish_all(
+    posterior: Posterior,
+    starts: list[NDArray],
+    newton: NewtonSettings,
+    report: Callable[[float, float, str], None] | None = None,
+) -> list[NewtonPolish]:
     """Each start polished; those that stand at one and the same place share their polish."""
     scale = posterior_scale(posterior)
     found: list[NewtonPolish] = []
@@ -329,6 +337,8 @@ def _polish_all(posterior: Posterior, starts: list[NDArray], newton: NewtonSetti
         else:
             nowhere = np.full((start.size, start.size), np.nan)
             found.append(NewtonPolish(start, -np.inf, nowhere, np.zeros(start.size, bool), np.inf, False, 0, 1))
+        if report is not None:
+            report(i + 1, len(starts), f"start {i + 1} of {len(starts)}")
     return found
 
 

@@ -21,7 +21,6 @@ from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
 from .likelihood.prepare import Prepared
-from .models.chain import materials
 from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .page_data import PageData, PageSettings, reduce_recording
@@ -190,9 +189,8 @@ def _predict_one(
             @ group.block_responses(p, blocks, masked).T
         )
     else:
-        X = group.simulate(
-            group.record(p.name), materials(posterior.model, posterior.model_part(chosen, group.specimen)), own_zero
-        )
+        inputs = group.inputs(posterior.model, posterior.model_part(chosen, group.specimen))
+        X = group.simulate(group.record(p.name), inputs, own_zero)
     gain = float(terms[:, 1].mean())
     noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
     N = p.nuisance()

@@ -58,16 +58,19 @@ def test_the_examples_name_options_that_exist(monkeypatch, capsys):
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_common_options_are_the_same_everywhere(verb):
-    """What several verbs take they take under one name, with one text and, but for folders, one default."""
-    common = {"seed": ("SeedOption", 1), "out": ("OutOption", None), "workers": ("WorkersOption", 0),
-              "quiet": ("QuietOption", False), "json_output": ("JsonOption", False), "resume": ("ResumeOption", False),
-              "anew": ("AnewOption", False)}
+    """What several verbs take they take under one name, with one text and one default."""
+    common = {"seed": ("SeedOption", 1), "workers": ("WorkersOption", 0), "quiet": ("QuietOption", False),
+              "resume": ("ResumeOption", False), "anew": ("AnewOption", False)}
     parameters = inspect.signature(cli.VERBS[verb][0]).parameters
     for name, (kind, default) in common.items():
         if name in parameters:
             assert parameters[name].annotation == kind, name
-            assert default is None or parameters[name].default == default, name
+            assert parameters[name].default == default, name
     assert "quiet" in parameters
+    # these leave a campaign, a page or files for other programs, and no JSON of their own
+    assert ("json_output" in parameters) == (verb not in ("bench", "report", "export", "new-model"))
+    if "json_output" in parameters:
+        assert "--json" in parameters["json_output"].annotation or parameters["json_output"].annotation == "JsonOption"
     assert ("resume" in parameters) == ("anew" in parameters)
 
 

@@ -38,6 +38,9 @@ def check_columns(label: str, kind: str, columns: Mapping[str, NDArray[np.float6
         raise InputError(f"{label}: {rows} rows are too few for a recording ({least} at least). Record "
                          "longer, or take it out of the campaign.")
     for name, values in columns.items():
+        # looked at in pieces, as a recording may be long: fmin and fmax need no room of their own
+        if max(float(np.fmax.reduce(values)), -float(np.fmin.reduce(values))) <= LARGEST or np.isnan(values).all():
+            continue
         if np.isinf(values).any():
             at = int(np.flatnonzero(np.isinf(values))[0])
             raise InputError(f"{label}, {where(at)}: {name} is infinite. Write the number, or nan for a gap.")
@@ -59,7 +62,7 @@ def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], st
         at = int(np.flatnonzero(np.isnan(time))[0])
         raise InputError(f"{label}, {where(at)}: time_s is missing. Time has no gaps: write the time, or "
                          "delete the row.")
-    stuck = np.flatnonzero(np.diff(time) <= 0)
+    stuck = np.flatnonzero(time[1:] <= time[:-1])
     if stuck.size == 0:
         return
     at = int(stuck[0]) + 1

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Sequence
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -203,20 +204,39 @@ class CsvSource:
                 if plain:
                     for _ in range(self.data_line - 1):
                         handle.readline()
-                table = pa_csv.read_csv(
+                pieces = pa_csv.open_csv(
                     handle,
                     read_options=pa_csv.ReadOptions(
                         column_names=names, encoding="utf8" if plain else self.encoding,
-                        skip_rows=0 if plain else self.data_line - 1, block_size=1 << 22),
+                        skip_rows=0 if plain else self.data_line - 1, block_size=1 << 20),
                     parse_options=pa_csv.ParseOptions(delimiter=self.fmt.delimiter, quote_char='"'),
                     convert_options=pa_csv.ConvertOptions(
                         column_types={n: pa.float64() for n in wanted}, include_columns=wanted,
                         null_values=_GAP_SPELLINGS, quoted_strings_can_be_null=True,
                         decimal_point=self.fmt.decimal))
+                out = self._gathered(pieces, wanted, handle)
         except (pa.ArrowInvalid, pa.ArrowKeyError, UnicodeError, ValueError):
             return None
-        out = {n: np.array(table.column(n).to_numpy(), dtype=np.float64) for n in wanted}
         return [out[str(p)] for p in positions]
+
+    def _gathered(self, pieces: Iterable[Any], wanted: Sequence[str],
+                  handle: IO[bytes]) -> dict[str, NDArray[np.float64]]:
+        """The columns of a file that is read in pieces: what is held is the numbers, never the file."""
+        out = {name: np.empty(0) for name in wanted}
+        size, filled = self.path.stat().st_size, 0
+        for piece in pieces:
+            end = filled + piece.num_rows
+            if end > out[wanted[0]].size:
+                # what is still to come, judged by the rows so far; the reader is ahead, so rather too few than too many
+                more = int(1.02 * end * max(size / max(handle.tell(), 1), 1.0)) + 1000
+                for values in out.values():
+                    values.resize(more, refcheck=False)
+            for name, values in out.items():
+                values[filled:end] = piece.column(name).to_numpy(zero_copy_only=False)
+            filled = end
+        for values in out.values():
+            values.resize(filled, refcheck=False)
+        return out
 
     def _fast_whitespace(self, positions: list[int]) -> list[NDArray[np.float64]] | None:
         import pandas as pd
@@ -259,7 +279,7 @@ class CsvSource:
                                  "recorder.") from exc
 
     def _careful(self, positions: list[int]) -> list[NDArray[np.float64]]:
-        values: list[list[float]] = [[] for _ in positions]
+        values = [array("d") for _ in positions]  # a list of numbers would take four times as much
         width = len(self.names)
         rows = self._rows()
         number, cells = next(rows, (0, []))
@@ -281,7 +301,7 @@ class CsvSource:
                     raise self._bad_cell(number, p, cells[p].strip(), not values[0])
                 column.append(value)
             number, cells = following
-        return [np.asarray(v, dtype=np.float64) for v in values]
+        return [np.frombuffer(v, dtype=np.float64).copy() if v else np.empty(0) for v in values]
 
     def _bad_cell(self, number: int, position: int, text: str, first: bool) -> InputError:
         shown = text if len(text) <= 40 else text[:40] + "..."

@@ -48,7 +48,8 @@ def resolve_file(name: str, folder: Path, data_root: Path | None, label: str) ->
     if "\0" in name:
         raise InputError(f"{label}: file = {name!r} holds a zero byte. Correct the name.")
     roots = [folder] + ([data_root] if data_root is not None else [])
-    inside, outside = [], []
+    inside: list[Path] = []
+    outside: list[Path] = []
     for root in roots:
         candidate = (root / name).resolve()
         (inside if candidate.is_relative_to(root.resolve()) else outside).append(candidate)

@@ -77,7 +77,9 @@ def _structured(values: NDArray[np.float64]) -> bool:
 
 def _time(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
     time = r.time_s
-    steps = np.diff(time)
+    # of a long recording a million steps from all over it
+    some = np.linspace(0, time.size - 2, min(time.size - 1, 1_000_000)).astype(int)
+    steps = time[some + 1] - time[some]
     median = float(np.median(steps))
     duration = float(time[-1] - time[0])
     waves = r.kind in ("sine", "triangle", "rectangle")
@@ -98,26 +100,41 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
         elif frequency > 1.2 * limit:
             warnings.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, above "
                             f"max_frequency_Hz = {limit:g}.")
-    # a log-spaced creep recording has ever longer steps; a hole is long against its neighbours too
-    beside = np.maximum(np.concatenate(([0.0], steps[:-1])), np.concatenate((steps[1:], [0.0])))
-    holes = np.flatnonzero((steps > 10.0 * median) & (steps > 10.0 * beside))
+    holes = _holes(time, median)
     if holes.size:
         first = int(holes[0])
         warnings.append(f"{r.name}: time_s has {_times(holes.size, 'hole')} longer than ten steps, the first "
-                        f"({steps[first]:.4g} s) before {where(first + 1)}; nothing is known in between.")
+                        f"({time[first + 1] - time[first]:.4g} s) before {where(first + 1)}; nothing is known in "
+                        "between.")
     elif median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01:
         low, high = float(steps.min()), float(steps.max())
         warnings.append(f"{r.name}: time_s is uneven (steps from {low:.4g} to {high:.4g} s, median "
                         f"{median:.4g} s); the times are used as they stand.")
 
 
+def _holes(time: NDArray[np.float64], median: float) -> NDArray[np.intp]:
+    """Rows (from 0) after which nothing was recorded for more than ten steps.
+
+    A log-spaced creep recording has ever longer steps; a hole is long against its neighbours too.
+    """
+    found = []
+    piece = 1_000_000  # rows looked at at a time
+    for begin in range(0, time.size - 1, piece):
+        before = max(begin - 1, 0)
+        steps = np.diff(time[before: begin + piece + 2])
+        beside = np.maximum(np.concatenate(([0.0], steps[:-1])), np.concatenate((steps[1:], [0.0])))
+        rows = before + np.flatnonzero((steps > 10.0 * median) & (steps > 10.0 * beside))
+        found.append(rows[(rows >= begin) & (rows < begin + piece)])
+    return np.concatenate(found)
+
+
 def dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
     """Crossings of the middle, with a dead band of half the span so that noise does not count, per second."""
-    finite = voltage[np.isfinite(voltage)]
+    finite = voltage[np.isfinite(voltage)] if np.isnan(voltage).any() else voltage
     middle, band = 0.5 * (finite.max() + finite.min()), 0.25 * (finite.max() - finite.min())
     if band == 0.0 or duration <= 0.0:
         return 0.0
-    state = np.where(finite > middle + band, 1, np.where(finite < middle - band, -1, 0))
+    state = (finite > middle + band).astype(np.int8) - (finite < middle - band).astype(np.int8)
     state = state[state != 0]
     crossings = int(np.count_nonzero(np.diff(state)))
     return crossings / 2.0 / duration if crossings >= 6 else 0.0
@@ -216,7 +233,9 @@ def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> N
     good = np.isfinite(v) & np.isfinite(y)
     if good.sum() < 20:
         return
-    t, drive, answer = (_thinned(x[good]) for x in (t, np.square(v), y))
+    whole = good.all()
+    t, v, answer = (_thinned(x if whole else x[good]) for x in (t, v, y))
+    drive = np.square(v)
     if np.ptp(drive) == 0.0:
         return
     sensor = sensors.get("displacement", Sensor())

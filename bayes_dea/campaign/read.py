@@ -18,6 +18,8 @@ from bayes_dea.errors import InputError
 
 #: reading is parsing and hashing outside the interpreter's lock; more threads cost memory and win nothing
 _THREADS = 2
+#: called with (recordings read, of how many in this folder, name)
+Report = Callable[[float, float, str], None]
 
 
 @dataclass(frozen=True)
@@ -31,13 +33,14 @@ class _Loaded:
 
 
 def load_campaign(paths: Path | str | Sequence[Path | str], data_root: Path | str | None = None,
-                  free_kinds: bool = False) -> Campaign:
+                  free_kinds: bool = False, report: Report | None = None) -> Campaign:
     """Reads and checks a campaign.
 
     `paths` is a folder holding campaign.toml, the .toml file itself, or several of them, which become one
     campaign with a specimen each. A recording's file is looked up in the campaign's folder, then in
     `data_root`.
-    `free_kinds` accepts every kind that comes with mapped columns (for a model of the user's own).
+    `free_kinds` accepts every kind that comes with mapped columns (for a model of the user's own). `report` is called
+    with (done, of, name) after each recording of a folder.
 
     Columns come as read-only float64 arrays (n,) in SI units. Raises InputError for everything that is wrong
     with the input, naming file, row and remedy.
@@ -53,7 +56,7 @@ def load_campaign(paths: Path | str | Sequence[Path | str], data_root: Path | st
         seen[toml.resolve()] = toml
     root = check_root(data_root)
     documents = [read_document(toml, free_kinds) for toml in tomls]
-    loaded = [_load_all(document, root) for document in documents]
+    loaded = [_load_all(document, root, report) for document in documents]
     if len(documents) == 1:
         return _campaign(documents[0], loaded[0], [], documents)
     merged, notes = _merge(documents, loaded)
@@ -82,7 +85,7 @@ def _unique(inputs: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 # -- one folder ---------------------------------------------------------------------------------------------
 
 
-def _load_all(document: Document, root: Path | None) -> list[_Loaded]:
+def _load_all(document: Document, root: Path | None, report: Report | None) -> list[_Loaded]:
     folder = document.path.parent
     files: list[Path] = []
     seen: dict[tuple[Path, str], str] = {}
@@ -94,8 +97,13 @@ def _load_all(document: Document, root: Path | None) -> list[_Loaded]:
             raise InputError(f'{document.path.name}, recording {i}: "{entry.file}" is there twice. A '
                              'recording counted twice makes the answer look surer than it is; take one out.')
         seen[key] = entry.name
+    out: list[_Loaded] = []
     with ThreadPoolExecutor(_THREADS) as pool:
-        return list(pool.map(_load, document.entries, files))
+        for loaded in pool.map(_load, document.entries, files):
+            out.append(loaded)
+            if report is not None:
+                report(len(out), len(files), loaded.recording.name)
+    return out
 
 
 def _load(entry: Entry, path: Path) -> _Loaded:
@@ -104,6 +112,8 @@ def _load(entry: Entry, path: Path) -> _Loaded:
         info = _input(entry.file, path)
     except PermissionError as exc:
         raise InputError(f"{path}: may not be read (permission denied). Change its permissions.") from exc
+    for values in read.columns.values():
+        values.flags.writeable = False  # nobody else holds them: a copy would take the room twice
     recording = recording_from_arrays(
         entry.name, entry.kind, read.columns, entry.role, entry.actuator, specimen=entry.specimen or "A",
         hold=entry.hold, zeroed=entry.zeroed, rested=entry.rested, rest_before_s=entry.rest_before_s,

@@ -73,7 +73,7 @@ def calibrate(
     with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
         structure = build_model(model, overrides(prior, priors))
-        loaded = load_campaign(campaign, data_root)
+        loaded = load_campaign(campaign, data_root, report=lambda *at: report("reading recordings", *at))
         settings = CalibrationSettings(walkers=walkers, workers=threads(workers))
         settings = replace(settings, sampler=replace(settings.sampler, max_steps=max_steps, max_seconds=max_seconds,
                                                      checkpoint_seconds=checkpoint_seconds))

@@ -8,7 +8,18 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption, OutOption, QuietOption, SeedOption, WorkersOption, conclude, folder, overrides, threads, writable
+from .options import (
+    JsonOption,
+    OutOption,
+    QuietOption,
+    SeedOption,
+    WorkersOption,
+    conclude,
+    folder,
+    overrides,
+    threads,
+    writable,
+)
 from .progress import progress
 
 EXAMPLE = "Example: bayes-dea diagnose quickstart --model hooke+gm3 --out out"

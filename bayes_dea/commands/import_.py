@@ -31,7 +31,7 @@ def import_(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="TOML with [actuator] and [sensor.X]: geometry and accuracies, which no recording holds.",
+            help="TOML with the tables actuator and sensor: geometry and accuracies, which no recording holds.",
         ),
     ] = None,
     copy: Annotated[
@@ -50,9 +50,11 @@ def import_(
 ) -> None:
     """Look at recordings of another make and write their campaign.toml.
 
-    Finds delimiter, units, signs, sample rate, which column is what, where recordings begin and which kind each is;
-    every choice is written down with its reason. What the files do not decide is asked on a terminal. Without one it
-    is named, and what cannot do without an answer is commented out (exit status 2).
+    Finds columns, units, signs and sample rate, where recordings begin and their kinds.
+
+    Every choice is written beside its reason. What no file says is asked on a terminal.
+
+    Without one it is named, and what needs an answer is commented out (exit status 2).
     """
     from ..errors import InputError
     from ..importing import answered, import_files, nobody
@@ -116,14 +118,23 @@ def _ask(question: Question) -> str | None:
 def _show(done: Imported, given: bool) -> None:
     import textwrap
 
+    from ..importing.propose import FREE_KIND
+
     proposal = done.proposal
     recordings = [r for r in proposal.recordings if r.usable]
+    ours = any(r.kind != FREE_KIND for r in recordings)
     for r in recordings[:40]:
         rate = f"{r.rate_Hz:.4g} Hz" if r.rate_Hz else "no times"
-        typer.echo(f"{_cut(r.label, 34):34}  {r.kind:13}  {r.rows:>8} rows  {rate}")
+        aside = "  (as a comment)" if ours and r.kind == FREE_KIND else ""
+        typer.echo(f"{_cut(r.label, 30):30}  {r.kind:13}  {r.rows:>8} rows  {rate}{aside}")
     if len(recordings) > 40:
         typer.echo(f"... and {len(recordings) - 40} more")
-    remarks = [f"{t.table.label}: {t.remark}" for t in proposal.reports if t.remark]
+    alike: dict[str, list[str]] = {}
+    for t in proposal.reports:
+        if t.remark:
+            alike.setdefault(t.remark, []).append(t.table.label)
+    remarks = [f"{names[0]}{f' and {len(names) - 1} more' if len(names) > 1 else ''}: {remark}"
+               for remark, names in alike.items()]
     left_out = [f"{p.name}: {why}" for p, why in proposal.skipped]
     for heading, texts in (
         ("Not recordings of an actuator", remarks),
@@ -150,6 +161,7 @@ def _show(done: Imported, given: bool) -> None:
             typer.echo(f"- ... and {len(texts) - _MOST} more, all in {done.toml.name}")
     typer.echo(f"\nCampaign, with the reasons: {done.toml}")
     if recordings:
+        given = given or not ours
         typer.echo(f"{'Then' if given else 'Fill in geometry and sensor accuracies there, then'}:\n  {done.call}")
 
 

@@ -100,13 +100,14 @@ def _by_name(column: RawColumn) -> Role:
 
 
 def rises(values: Array) -> bool:
-    """Whether a column rises like time, but for a few restarts."""
+    """Whether a column rises like time, but for a few restarts; times of too few digits stand still between."""
     finite = values[np.isfinite(values)]
     if finite.size < 3 or finite.size < values.size:
         return False
     steps = np.diff(finite)
-    back = int(np.count_nonzero(steps <= 0))
-    return back <= max(0, finite.size // 10 - 1) and float(np.median(steps)) > 0
+    back = int(np.count_nonzero(steps < 0))
+    still = float(np.mean(steps == 0))
+    return back <= max(0, finite.size // 10 - 1) and still < 0.95 and float(np.median(steps[steps != 0])) > 0
 
 
 def _one_time(roles: list[Role]) -> list[Role]:

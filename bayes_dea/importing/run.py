@@ -131,7 +131,8 @@ def import_files(
     else:
         names, root = names_of_files(paths, out)
     call = f"bayes-dea calibrate {shlex.quote(str(out))}" + (f" --data-root {shlex.quote(str(root))}" if root else "")
-    call += " --model hooke+gm3"
+    ours = any(r.kind != FREE_KIND for r in proposal.recordings) or not proposal.recordings
+    call += " --model " + ("hooke+gm3" if ours else "FILE.py:NAME")
     if report is not None:
         report("writing", 0, 1, str(toml))
     text = toml_text(proposal, names, call, tables)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_dea.campaign.columns import to_si
 from bayes_dea.campaign.format_map import ColumnMap
 from bayes_dea.campaign.schema import Actuator
 from bayes_dea.importing.notebook import Notebook
@@ -146,6 +147,24 @@ def _by_geometry(candidates: tuple[str, ...], role: Role, actuator: Actuator) ->
     return good or candidates
 
 
+def _without_repeats(column: ColumnMap, role: Role, table: RawTable, book: Notebook) -> ColumnMap:
+    """The column, or a rate in its place where the times have too few digits to tell the rows apart."""
+    steps = np.diff(to_si(role.values, column, "time_s", table.label))
+    if float(np.mean(steps == 0)) < 0.2 or bool(np.any(steps < 0)):
+        return column
+    if table.rate_Hz is not None:
+        book.reason(f"{role.column.label}: too few digits, so {table.rate_Hz:.6g} samples a second ({table.rate_from})")
+        return ColumnMap(rate_Hz=float(f"{table.rate_Hz:.10g}"))
+    mean = f"{steps.size / float(steps.sum()):.4g}"
+    rate = book.question(
+        "rate_Hz",
+        f'"{role.column.label}" has too few digits: {100 * np.mean(steps == 0):.3g} % of the rows repeat '
+        "the time before. How many samples a second, if they are even?",
+        fallback=mean,
+    )
+    return ColumnMap(rate_Hz=float(rate or mean))
+
+
 def time_column(
     roles: list[Role], table: RawTable, book: Notebook, fallback: str | None = None
 ) -> tuple[ColumnMap | None, bool]:
@@ -168,7 +187,7 @@ def time_column(
     if role is not None:
         column = _time_of(role, table, book)
         if column is not None:
-            return column, True
+            return _without_repeats(column, role, table, book), True
     if table.rate_Hz is not None:
         book.reason(f"time: {table.rate_Hz:.6g} samples a second, from {table.rate_from}")
         return ColumnMap(rate_Hz=float(f"{table.rate_Hz:.10g}")), True

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numba as nb
 import numpy as np
@@ -238,8 +239,13 @@ class BlockGroup:
         """One of the records by its recording's name."""
         return next(r for r in self.records if r.prepared.name == name)
 
-    def simulate(self, record: BlockRecord, material: Material, zero: NDArray | None) -> NDArray[np.float64]:
+    def inputs(self, model: Model, z: NDArray) -> Any:
+        """What `simulate` needs of the model's coordinates (B, d)."""
+        return materials(model, z)
+
+    def simulate(self, record: BlockRecord, inputs: Any, zero: NDArray | None) -> NDArray[np.float64]:
         """Block means of the model (B, nb) in the unit of the output, before gain and offset."""
+        material: Material = inputs
         actuator = record.prepared.recording.actuator
         if record.is_voltage:
             jump, end = strains(material, record.h, record.drive)
@@ -261,14 +267,14 @@ class BlockGroup:
         """(B, 4): log likelihood, mean and variance of the gain, x'S^-1 x; by default of the fitted recordings."""
         names = [p.name for p in self.fitted] if names is None else names
         gain_sd = self.gain_sd if gain_sd is None else gain_sd
-        material = materials(model, z)
+        inputs = self.inputs(model, z)
         B = len(z)
         sums = np.zeros((B, 4))
         extra = np.zeros(B)
         sigma = np.ascontiguousarray(sigma)
         for name in names:
             record = self.record(name)
-            X = self.simulate(record, material, zeros.get(name))
+            X = self.simulate(record, inputs, zeros.get(name))
             out = np.empty((B, 4))
             r = np.ascontiguousarray(rho[:, record.rate])
             _project(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -99,14 +100,22 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     return Prepared(recording, channel, sensor, y, observed, int(dropouts.sum()), mains, quiet.sd, quiet.rho)
 
 
-def prepare_all(campaign: Campaign, recordings: tuple[Recording, ...], workers: int = 1) -> tuple[Prepared, ...]:
-    """`prepare` for several recordings, on threads."""
+def prepare_all(
+    campaign: Campaign,
+    recordings: tuple[Recording, ...],
+    workers: int = 1,
+    report: Callable[[float, float, str], None] | None = None,
+) -> tuple[Prepared, ...]:
+    """`prepare` for several recordings, on threads. report: called with (done, of, name) after each."""
     from concurrent.futures import ThreadPoolExecutor
 
-    if workers <= 1:
-        return tuple(prepare(campaign, r) for r in recordings)
-    with ThreadPoolExecutor(workers) as pool:
-        return tuple(pool.map(lambda r: prepare(campaign, r), recordings))
+    out = []
+    with ThreadPoolExecutor(max(1, workers)) as pool:
+        for r, done in zip(recordings, pool.map(lambda r: prepare(campaign, r), recordings), strict=True):
+            out.append(done)
+            if report is not None:
+                report(len(out), len(recordings), r.name)
+    return tuple(out)
 
 
 @dataclass(frozen=True)

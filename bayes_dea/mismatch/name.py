@@ -127,7 +127,7 @@ def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[F
     say = report or (lambda *_: None)
     columns = basis(base, looks)
     model = base.problem.model
-    frames = _frames(base, looks, prior)
+    frames = frames_of(base, looks, prior)
     none = explain(Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior,
                    [f.fit.q for f in frames[1:]])
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces})
@@ -147,7 +147,7 @@ def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[F
         explanations[best.weighed.name] = best
     # more than one effect, where one is not enough
     for count in range(2, most_effects + 1):
-        if best.adequate and best.discrepancy.gain < 5.0 or len(best.weighed.effects) != count - 1:
+        if (best.adequate and best.discrepancy.gain < 5.0) or len(best.weighed.effects) != count - 1:
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
@@ -193,7 +193,7 @@ def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str
     return out
 
 
-def _frames(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
+def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
     """Where the base may be moved along from: its maximum, and its fit to what is slow."""
     typical = base.q.copy()
     d = base.problem.model.dimension

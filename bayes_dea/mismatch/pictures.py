@@ -71,6 +71,6 @@ def _harmonics(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:
         rows.append([2 * abs(np.sum(w * raw[i][inside] * np.exp(-1j * k * turn))) for k in range(1, HARMONICS + 1)])
         names.append(piece.name)
         frequencies.append(f.frequency_Hz)
-    order = np.argsort(frequencies) if frequencies else []
+    order = [int(k) for k in np.argsort(frequencies)]
     return {"harmonics": np.array([rows[k] for k in order]), "wave_names": np.array([names[k] for k in order]),
             "frequencies": np.array([frequencies[k] for k in order])}  # fmt: skip

@@ -64,7 +64,7 @@ def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
                              piece.blocks.gap, piece.white_variance)  # fmt: skip
     C, B = x[:k], x[k:]
     M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
-    coupling = np.linalg.solve(M, B @ C.T)
+    coupling = np.asarray(np.linalg.solve(M, B @ C.T), dtype=float)
     logdet += float(np.linalg.slogdet(M)[1] + 2.0 * np.sum(np.log(piece.nuisance_sd)))
     return Whitened(C, B, coupling, logdet)
 
@@ -147,7 +147,7 @@ class Problem:
             actuator = piece.recording.actuator
             plant = plants.setdefault(id(actuator), plant_of(self.model, values, actuator))
             if piece.nodes is not None:
-                out.append(simulate_nodes(plant, piece.nodes))  # type: ignore[arg-type]
+                out.append(simulate_nodes(plant, piece.nodes, piece.past))  # type: ignore[arg-type]
             else:
                 assert piece.position is not None
                 zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(piece.position[0])

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..assemble import Assembled
-from ..forward import POSITION_BLOCKS, imposed_position
+from ..forward import POSITION_BLOCKS, contact_of, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
+from ..likelihood.plant_group import COMMAND_BLOCKS, averaging
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
-from ..models.nodes import Nodes, make_nodes
-from ..noise.blocks import Blocks, BlockSettings, block_means, log_blocks
+from ..models.nodes import Nodes, make_nodes, past_nodes
+from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.edges import input_noise
 from ..noise.kinks import find_kinks
 
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
     from ..campaign.schema import Recording
 
 Array = NDArray[np.float64]
-
-#: blocks of a command: finer than for a fit, because a mismatch of time lives within a few samples of an edge
-COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
 
 
 @dataclass(frozen=True)
@@ -47,6 +45,7 @@ class Piece:
     nuisance_sd: Array = field(repr=False)  # (m,)
     white_variance: float = 0.0  # of a sample, beyond sigma: the scatter of the position in a force
     nodes: Nodes | None = None  # of a voltage recording
+    past: Nodes | None = None  # whose memory it inherits
     averaging: csr_matrix | None = field(repr=False, default=None)  # (nb, nodes)
     position: Array | None = field(repr=False, default=None)  # (n,) of a mechanical recording
     zero: int = -1  # index of its zero of position
@@ -91,6 +90,7 @@ def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
     groups = gain_groups(assembled)
     zeros = [z.recording for z in posterior.zeros]
     channels = {c.channel: c for c in posterior.channels}
+    recordings = [p.recording for p in assembled.prepared]
     out = []
     for p in assembled.prepared:
         terms = assembled.terms[p.name]
@@ -98,7 +98,7 @@ def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
         rate = channels[p.channel].rates.of(p)
         sd = nuisance_sd(p, terms)
         if p.recording.is_voltage:
-            out.append(_voltage_piece(p, group, rate, sd))
+            out.append(_voltage_piece(p, group, rate, sd, recordings))
         else:
             index = zeros.index(p.name) if p.name in zeros else -1
             out.append(_mechanical_piece(p, group, rate, sd, index))
@@ -110,7 +110,7 @@ def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
     return list(dict.fromkeys((p.channel, p.recording.specimen) for p in assembled.prepared))
 
 
-def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array) -> Piece:
+def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: list[Recording]) -> Piece:
     u = filled_input(p.recording.columns["voltage_V"])
     masked = ~p.observed
     gap = ~np.isfinite(p.y)
@@ -121,7 +121,8 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array) -> Piece:
         p, "displacement", group, rate, blocks,
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
         block_means(p.nuisance().T, blocks, masked), sd,
-        nodes=nodes, averaging=_averaging(nodes, p.recording.time_s, blocks, p.observed),
+        nodes=nodes, averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
+        past=past_nodes(memory(recordings, p.recording), p.recording),
     )  # fmt: skip
 
 
@@ -133,31 +134,12 @@ def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) 
     blocks = log_blocks(p.recording.time_s, raw, POSITION_BLOCKS, y=np.where(gap, np.nan, p.y), mask=masked & ~gap,
                         kinks=find_kinks(raw))  # fmt: skip
     force = p.y[p.observed]
-    contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     stiffness = float(np.quantile(force, 0.999) - np.quantile(force, 0.001)) / travel
     return Piece(
         p, "force", group, rate, blocks,
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
         block_means(p.nuisance().T, blocks, masked), sd,
-        white_variance=(stiffness * input_noise(raw)) ** 2, position=position, zero=zero, contact=contact,
+        white_variance=(stiffness * input_noise(raw)) ** 2, position=position, zero=zero,
+        contact=contact_of(p.recording),
     )  # fmt: skip
-
-
-def _averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
-    """Straight lines between nodes, averaged over the observed rows of each block."""
-    counts = (blocks.stop - blocks.start).astype(np.int64)
-    block = np.repeat(np.arange(blocks.n), counts)
-    rows = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(blocks.start, counts)
-    keep = observed[rows]
-    block, rows = block[keep], rows[keep]
-    left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
-    t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
-    w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
-    share = 1.0 / np.bincount(block, minlength=blocks.n)[block]
-    data = np.concatenate([(1.0 - w) * share, w * share])
-    matrix = csr_matrix((data, (np.concatenate([block, block]), np.concatenate([left, left + 1]))),
-                        shape=(blocks.n, nodes.row.size))  # fmt: skip
-    matrix.sum_duplicates()
-    matrix.eliminate_zeros()
-    return matrix

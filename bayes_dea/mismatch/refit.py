@@ -40,7 +40,7 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """Posterior covariance of q (d, d)."""
-        return np.linalg.inv(self.hessian)
+        return np.asarray(np.linalg.inv(self.hessian), dtype=float)
 
     def values(self) -> dict[str, float]:
         """Physical parameters at the maximum."""

@@ -37,7 +37,8 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
     if not pieces:
         return None
     problem = replace(base.problem, pieces=tuple(pieces))
-    fits = [f for q in (base.q, *starts) if (f := refit(problem, q, base.noise, prior, fit_noise=False)) is not None]
+    found = [refit(problem, q, base.noise, prior, fit_noise=False) for q in (base.q, *starts)]
+    fits = [fit for fit in found if fit is not None]
     if not fits:
         return None
     best = min(fits, key=lambda f: f.objective)

@@ -57,7 +57,7 @@ def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
             break
         chosen.append(k)
         left = rest
-    terms = []
+    terms: list[dict[str, Any]] = []
     if chosen:
         B = A[:, chosen]
         c, *_ = np.linalg.lstsq(B, e, rcond=1e-10)

@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 
 from ..models.model import Model
 from .noise_prior import NoisePrior
-from .problem import Problem, Whitened, whiten
+from .problem import Whitened, whiten
 from .refit import Fit, bounds, prior_derivatives, refit
 
 Array = NDArray[np.float64]

@@ -348,7 +348,6 @@ def run(w, law_p, h, u0, u1, out):
     known, B, KP = w[X_H], w[X_LOSS], w[X_LAG]
     rl = w[P_RL]
     D1, D2, step1 = 0.0, 0.0, -1.0
-    start_stress = factor * (V - vq + P) * (V - vq)
     for i in range(h.size):
         whole, done = h[i], 0.0
         step, rise = whole, 0.0
@@ -429,7 +428,7 @@ def run(w, law_p, h, u0, u1, out):
                     if it > 25:
                         change *= 0.5  # to and fro across a corner of friction or softening
                     D += change
-                    if not curved or (abs(change) < _TOLERANCE and (it > 0 or D != change)):
+                    if not curved or (abs(change) < _TOLERANCE and (it > 0 or change != D)):
                         good = True
                         y += B * room * change
                         W1 += s1 * change
@@ -449,10 +448,13 @@ def run(w, law_p, h, u0, u1, out):
                 if mass > 0.0 and vel * vel1 < 0.0 and (sy > 0.0 or share > 0.0):
                     # a turn within the step, which friction and softening remember
                     bend += step * min(abs(vel), abs(vel1)) * (t1 + tf1 + K)
-                if rs > 0.0:
+                if rs > 0.0 or v_start != v_end:
                     # the same for the stress of a charging dielectric, where the mass or the damper is quick enough
                     swift = step * step * (t1 + K) / mass if mass > 0.0 else step * (t1 + K) / damp
-                    bend += 0.3 * abs(ss - start_stress) * min(1.0, 0.25 * swift) + 4.0 * abs(se * J)
+                    x = (V if rs > 0.0 else v_start) - vq
+                    bend += 0.3 * abs(ss - factor * (x + P) * x) * min(1.0, 0.25 * swift)
+                    if rs > 0.0:
+                        bend += 4.0 * abs(se * J)
                 if not good or 0.1 * bend > _COURSE_TOLERANCE * (t1 + K):
                     step *= 0.5
                     continue
@@ -483,7 +485,6 @@ def run(w, law_p, h, u0, u1, out):
                 s1 = Y * e
             s, t, f, tf, ph, dph, vel, V, vq, P = s1, t1, f1, tf1, ph1, dph1, vel1, v1, vq1, P1
             Wm = max(Wm, W1)
-            start_stress = se
             D2, D1, step1 = D1 if step == step1 else D, D, step
             done += step
             if done >= whole * (1.0 - 1e-12):

@@ -47,11 +47,12 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
 def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool) -> NDArray[np.float64]:
     u0, u1, at = volts, volts, None
     if linear or plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
-        how = (h, volts, linear, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
+        limits = (plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
         at = np.empty(h.size, dtype=np.int64)
-        lines = supply(*how, *np.empty((3, 0)), at)
-        h, u0, u1 = np.empty((3, lines))
-        supply(*how, h, u0, u1, at)
+        nothing = np.empty(0)
+        lines = np.empty((3, supply(h, volts, linear, *limits, nothing, nothing, nothing, at)))
+        supply(h, volts, linear, *limits, *lines, at)
+        h, u0, u1 = lines
     out = np.empty(h.size)
     if not plant.is_linear and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)

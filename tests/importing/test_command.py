@@ -270,3 +270,17 @@ def test_a_ramp_is_no_clock(tmp_path):
     (tmp_path / "a.csv").write_text(f"lambda,stress (Pa)\n{rows}\n")
     roles = read_roles(sniff(tmp_path / "a.csv")[0])
     assert [r.quantity for r in roles] == ["stretch", "stress"]
+
+
+def test_times_of_too_few_digits(tmp_path):
+    case = made("kv_mm_falling", tmp_path)
+    lines = case.files[0].read_text().splitlines()
+    for i in range(1, len(lines)):
+        seconds, rest = lines[i].split(",", 1)
+        lines[i] = f"{float(seconds) // 0.04 * 0.04:.2f},{rest}"
+    case.files[0].write_text("\n".join(lines) + "\n")
+    done = import_files(list(case.files), tmp_path / "c")
+    assert "too few digits" in done.proposal.assumed[0]
+    assert done.proposal.recordings[0].rate_Hz == pytest.approx(100.0, rel=2e-3)
+    answer = answered({"creep.csv:rate_Hz": "100"})
+    assert not import_files(list(case.files), tmp_path / "d", answer).proposal.assumed

@@ -65,8 +65,8 @@ class DielectricAbsorption(Effect):
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with share and time."""
-        return (f"{100 * values['chi']:.3g} % of the polarisation follow the field with a time constant of "
-                f"{quantity(values['tau_d_s'], 's')} (dielectric absorption)")
+        return (f"a part of the polarisation was left out, {100 * values['chi']:.3g} % of it, which follows the field "
+                f"with a time constant of {quantity(values['tau_d_s'], 's')} (dielectric absorption)")
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """See `Effect.write`."""

@@ -135,7 +135,7 @@ class ParallelDamper(Effect):
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the viscosity."""
-        return f"a viscous part of {quantity(values['d0_Pa_s'], 'Pa s')} in parallel with the material was left out"
+        return f"a viscous part of {values['d0_Pa_s']:.3g} Pa s in parallel with the material was left out"
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """See `Effect.write`."""

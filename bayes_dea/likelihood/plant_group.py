@@ -1,0 +1,115 @@
+"""Recordings of a model with effects: block means of the whole chain worked out at nodes.
+
+The chain (command, voltage on the dielectric, stress, strain, sensor) has no short form here; each draw is simulated at
+the rows where something moves and averaged over the rows of a block by a sparse matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..forward import imposed_position, memory
+from ..models.model import Model
+from ..models.nodes import Nodes, make_nodes, past_nodes
+from ..models.plant import plant_of
+from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..noise.blocks import Blocks, BlockSettings, block_means
+from ..noise.stated import NoiseTerms
+from .block_group import BlockGroup, BlockRecord, build_block_groups
+from .prepare import Prepared, RateClasses
+
+Array = NDArray[np.float64]
+
+#: blocks of a command: finer than of a smooth law, because an effect in time lives within a few samples of an edge
+COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
+
+
+def averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
+    """Matrix (blocks, nodes): straight lines between nodes, averaged over the observed rows of each block."""
+    counts = (blocks.stop - blocks.start).astype(np.int64)
+    block = np.repeat(np.arange(blocks.n), counts)
+    within = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+    rows = within + np.repeat(blocks.start, counts)
+    keep = observed[rows]
+    block, rows = block[keep], rows[keep]
+    left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
+    t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
+    w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
+    share = 1.0 / np.bincount(block, minlength=blocks.n)[block]
+    matrix = csr_matrix(
+        (np.concatenate([(1.0 - w) * share, w * share]), (np.tile(block, 2), np.concatenate([left, left + 1]))),
+        shape=(blocks.n, nodes.row.size),
+    )
+    matrix.sum_duplicates()
+    matrix.eliminate_zeros()
+    return matrix
+
+
+@dataclass(frozen=True)
+class PlantRecord(BlockRecord):
+    """A block record with the nodes of its chain, or the position that drives it (n,) m."""
+
+    nodes: Nodes | None = None
+    past: Nodes | None = None
+    matrix: csr_matrix | None = field(repr=False, default=None)
+    position: Array | None = field(repr=False, default=None)
+
+
+@dataclass(frozen=True)
+class PlantGroup(BlockGroup):
+    """A block group whose model is a plant: one simulation a draw."""
+
+    def inputs(self, model: Model, z: Array) -> tuple[Model, dict[str, Array]]:
+        """The model and its named values (B,); the plant depends on the actuator of each record."""
+        return model, model.physical(np.atleast_2d(z))
+
+    def simulate(self, record: BlockRecord, inputs: tuple[Model, dict[str, Array]], zero: Array | None) -> Array:
+        """Block means of the model (B, nb) in the unit of the output, before gain and offset."""
+        assert isinstance(record, PlantRecord)
+        model, values = inputs
+        r = record.prepared.recording
+        B = next(iter(values.values())).size
+        out = np.empty((B, record.blocks.n))
+        for b in range(B):
+            plant = plant_of(model, {k: float(v[b]) for k, v in values.items()}, r.actuator)
+            if record.nodes is not None:
+                assert record.matrix is not None
+                out[b] = record.matrix @ simulate_nodes(plant, record.nodes, record.past)
+            else:
+                assert record.position is not None
+                assert zero is not None
+                force = simulate_plates(plant, r.time_s, record.position, float(zero[b]), record.contact)
+                masked = ~record.prepared.observed & np.isfinite(record.prepared.y)
+                out[b] = block_means(force, record.blocks, masked)
+        return out
+
+
+def build_plant_groups(
+    prepared: Sequence[Prepared],
+    terms: Mapping[str, NoiseTerms],
+    rates: RateClasses,
+    channel: str,
+    input_variance: Mapping[str, float] | None = None,
+) -> list[BlockGroup]:
+    """As `build_block_groups`, for a model with effects."""
+    recordings = [p.recording for p in prepared]
+    groups: list[BlockGroup] = []
+    for g in build_block_groups(prepared, terms, rates, channel, input_variance, COMMAND_BLOCKS):
+        records: list[BlockRecord] = []
+        for record in g.records:
+            r = record.prepared.recording
+            own = {name: getattr(record, name) for name in record.__dataclass_fields__}
+            if r.is_voltage:
+                nodes = make_nodes(r)
+                before = past_nodes(memory(recordings, r), r)
+                matrix = averaging(nodes, r.time_s, record.blocks, record.prepared.observed)
+                records.append(PlantRecord(**own, nodes=nodes, past=before, matrix=matrix))
+            else:
+                records.append(PlantRecord(**own, position=imposed_position(r)))
+        groups.append(PlantGroup(g.channel, g.specimen, tuple(records), g.gain_sd, g.quantisation_variance))
+    return groups
