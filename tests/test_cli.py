@@ -67,8 +67,8 @@ def test_common_options_are_the_same_everywhere(verb):
             assert parameters[name].annotation == kind, name
             assert parameters[name].default == default, name
     assert "quiet" in parameters
-    # these leave a campaign, a page or files for other programs, and no JSON of their own
-    assert ("json_output" in parameters) == (verb not in ("bench", "report", "export", "new-model"))
+    # these leave a campaign, a page or a template, and no JSON of their own
+    assert ("json_output" in parameters) == (verb not in ("bench", "report", "new-model"))
     if "json_output" in parameters:
         assert "--json" in parameters["json_output"].annotation or parameters["json_output"].annotation == "JsonOption"
     assert ("resume" in parameters) == ("anew" in parameters)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import BayesDEAError, InputError
-from ..results import PARTIAL
 
 if TYPE_CHECKING:
     from ..priors import Parameter, Prior
@@ -78,6 +77,8 @@ def writable(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {folder}: there is a file of that name; choose another folder")
+    from ..results import PARTIAL
+
     done = "made"
     try:
         folder.mkdir(parents=True, exist_ok=True)

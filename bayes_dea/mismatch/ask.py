@@ -43,31 +43,74 @@ def menu(actuator: Actuator, mechanical: bool = True) -> list[Proposal]:
     out = []
     for share in (0.5, 1.0):
         t = np.arange(0.0, 61.0, 0.002)
-        out.append(Proposal("creep", {"voltage_V": share * top, "duration_s": 60.0}, t, "voltage_V",
-                            np.where(t > 0.5, share * top, 0.0)))  # fmt: skip
+        out.append(
+            Proposal(
+                "creep",
+                {"voltage_V": share * top, "duration_s": 60.0},
+                t,
+                "voltage_V",
+                np.where(t > 0.5, share * top, 0.0),
+            )
+        )
     t = np.arange(0.0, 92.0, 0.002)
     stairs = np.concatenate([np.arange(1, 7), np.arange(5, -1, -1), [3.0]]) / 6 * top
-    out.append(Proposal("voltage", {"voltage_V": top, "duration_s": 92.0}, t, "voltage_V",
-                        np.where(t > 0.5, stairs[np.minimum((t - 0.5) / 7, 12).astype(int)], 0.0)))  # fmt: skip
+    out.append(
+        Proposal(
+            "voltage",
+            {"voltage_V": top, "duration_s": 92.0},
+            t,
+            "voltage_V",
+            np.where(t > 0.5, stairs[np.minimum((t - 0.5) / 7, 12).astype(int)], 0.0),
+        )
+    )
     for frequency in (0.1, 1.0, 10.0, 40.0):
         if frequency > fastest:
             continue
         length = max(5.0 / frequency, 5.0)
         t = np.arange(0.0, length, min(0.001, 0.01 / frequency))
-        for kind, offset, amplitude in (("sine", 0.54 * top, 0.33 * top), ("rectangle", 0.54 * top, 0.33 * top),
-                                        ("sine", 0.8 * top, 0.08 * top), ("sine", 0.5 * top, 0.5 * top)):  # fmt: skip
+        for kind, offset, amplitude in (
+            ("sine", 0.54 * top, 0.33 * top),
+            ("rectangle", 0.54 * top, 0.33 * top),
+            ("sine", 0.8 * top, 0.08 * top),
+            ("sine", 0.5 * top, 0.5 * top),
+        ):
             wave = np.sin(2 * np.pi * frequency * t)
             wave = np.sign(wave) if kind == "rectangle" else wave
-            out.append(Proposal(kind, {"frequency_Hz": frequency, "voltage_V": offset, "amplitude_V": amplitude,
-                                       "duration_s": float(length)}, t, "voltage_V",
-                                np.where(t > 0.25, offset + amplitude * wave, 0.0)))  # fmt: skip
+            out.append(
+                Proposal(
+                    kind,
+                    {
+                        "frequency_Hz": frequency,
+                        "voltage_V": offset,
+                        "amplitude_V": amplitude,
+                        "duration_s": float(length),
+                    },
+                    t,
+                    "voltage_V",
+                    np.where(t > 0.25, offset + amplitude * wave, 0.0),
+                )
+            )
     if mechanical and actuator.stack_height_m and actuator.total_area_m2:
         h = actuator.stack_height_m
         t = np.arange(0.0, 64.0, 0.02)
-        out.append(Proposal("compression", {"amplitude_m": 0.1 * h, "duration_s": 64.0}, t, "position_m",
-                            0.1 * h * (1 - np.abs((t % 20.0) / 10.0 - 1)) * (t < 60)))  # fmt: skip
-        out.append(Proposal("relaxation", {"amplitude_m": 0.1 * h, "duration_s": 64.0}, t, "position_m",
-                            0.1 * h * np.clip((t - 1) / 0.3, 0, 1)))  # fmt: skip
+        out.append(
+            Proposal(
+                "compression",
+                {"amplitude_m": 0.1 * h, "duration_s": 64.0},
+                t,
+                "position_m",
+                0.1 * h * (1 - np.abs((t % 20.0) / 10.0 - 1)) * (t < 60),
+            )
+        )
+        out.append(
+            Proposal(
+                "relaxation",
+                {"amplitude_m": 0.1 * h, "duration_s": 64.0},
+                t,
+                "position_m",
+                0.1 * h * np.clip((t - 1) / 0.3, 0, 1),
+            )
+        )
     return out
 
 
@@ -78,8 +121,13 @@ def answer(fit: Fit, p: Proposal, actuator: Actuator, q: Array | None = None) ->
     values = {k: float(v[0]) for k, v in model.physical(x[None, : model.dimension]).items()}
     plant = plant_of(model, values, actuator)
     if p.column == "voltage_V":
-        recording = recording_from_arrays("next", p.kind, {"time_s": p.time_s, "voltage_V": p.values,
-                                                           "displacement_m": np.zeros(p.time_s.size)}, "identify", actuator)  # fmt: skip
+        recording = recording_from_arrays(
+            "next",
+            p.kind,
+            {"time_s": p.time_s, "voltage_V": p.values, "displacement_m": np.zeros(p.time_s.size)},
+            "identify",
+            actuator,
+        )
         nodes = make_nodes(recording)
         y = simulate_nodes(plant, nodes)
         weight = np.gradient(nodes.row.astype(float)) if nodes.row.size > 1 else np.ones(1)
@@ -127,6 +175,10 @@ def next_experiment(fits: list[Fit], names: list[str], actuator: Actuator) -> di
         scored.append((nats * 3600.0 / p.cost_s, nats, p))
     rate, nats, p = max(scored, key=lambda s: s[0])
     worth = "" if nats >= 3.0 else "; no experiment of the menu would be decisive"
-    return {"why": f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}",
-            "recording": {"kind": p.kind, **p.settings}, "expected_information_nats": nats, "cost_s": p.cost_s,
-            "nats_per_hour": rate}  # fmt: skip
+    return {
+        "why": f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}",
+        "recording": {"kind": p.kind, **p.settings},
+        "expected_information_nats": nats,
+        "cost_s": p.cost_s,
+        "nats_per_hour": rate,
+    }

@@ -1,4 +1,4 @@
-"""Raw probability to confidence: a monotone map learned on campaigns of the virtual bench (kept with its provenance)."""
+"""Raw probability to confidence: a monotone map learned on the virtual bench, kept with its provenance."""
 
 from __future__ import annotations
 

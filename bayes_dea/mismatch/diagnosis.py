@@ -42,8 +42,11 @@ _RESOLUTION_M = 0.15e-6
 class DiagnosisSettings:
     """Effort of a diagnosis."""
 
-    map: MapSettings = field(default_factory=lambda: MapSettings(
-        swarms=3, swarm=SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)))  # fmt: skip
+    map: MapSettings = field(
+        default_factory=lambda: MapSettings(
+            swarms=3, swarm=SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
+        )
+    )
     workers: int = 1
     most_effects: int = 3
 
@@ -66,8 +69,14 @@ class Diagnosis:
         return str(self.summary["verdict"])
 
 
-def diagnose(campaign: Campaign, model: Model | str, seed: int = 1, settings: DiagnosisSettings | None = None,
-             report: Report | None = None, priors: Mapping[str, Any] | None = None) -> Diagnosis:
+def diagnose(
+    campaign: Campaign,
+    model: Model | str,
+    seed: int = 1,
+    settings: DiagnosisSettings | None = None,
+    report: Report | None = None,
+    priors: Mapping[str, Any] | None = None,
+) -> Diagnosis:
     """Find where a model and recordings differ, name the physics that was left out, and prove the repair.
 
     Recordings with role "validate" are touched by the proof alone. Raises InputError for input that cannot be
@@ -88,23 +97,39 @@ def diagnose(campaign: Campaign, model: Model | str, seed: int = 1, settings: Di
     assembled = assemble(campaign, model, s.workers)
     lap("assemble")
     say("fitting", 0, 1, model.name)
-    found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map, s.map,
-                                assembled.refresh if assembled.has_blocks else None)  # fmt: skip
+    found, posterior = find_map(
+        assembled.posterior,
+        assembled.search_model,
+        list(assembled.search_groups),
+        r_map,
+        s.map,
+        assembled.refresh if assembled.has_blocks else None,
+    )
     lap("map")
     pieces = reduce_campaign(assembled)
     prior = noise_prior(assembled)
     problem = Problem.of(assembled, model, [p for p in pieces if p.identify])
     zeros = posterior.zeros_part(found.x[None])
-    q0 = np.concatenate([posterior.model_part(found.x[None])[0], [float(v[0]) for v in zeros.values()],
-                         np.zeros(problem.gain_sd.size)])  # fmt: skip
+    q0 = np.concatenate(
+        [posterior.model_part(found.x[None])[0], [float(v[0]) for v in zeros.values()], np.zeros(problem.gain_sd.size)]
+    )
     base = refit(problem, q0, prior.start(), prior)
     if base is None:
         raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
     lap("reduce")
     looks = [features(p) for p in problem.pieces]
     resolution = _resolution(campaign)
-    naming = name_physics(base, campaign, prior, looks, r_name, resolution_m=resolution, overrides=priors, report=say,
-                          most_effects=s.most_effects)  # fmt: skip
+    naming = name_physics(
+        base,
+        campaign,
+        prior,
+        looks,
+        r_name,
+        resolution_m=resolution,
+        overrides=priors,
+        report=say,
+        most_effects=s.most_effects,
+    )
     lap("name")
     verdict, raw = _verdict(naming, assembled, resolution)
     best = naming.best
@@ -133,8 +158,11 @@ def _resolution(campaign: Campaign) -> float:
 
 def _mains(assembled: Assembled, resolution: float) -> float:
     """Largest amplitude of a mains line found on a displacement, in m; 0 where none exceeds the resolution."""
-    found = [p.mains.amplitude for p in assembled.prepared
-             if p.mains is not None and p.channel == "displacement" and p.recording.role == "identify"]  # fmt: skip
+    found = [
+        p.mains.amplitude
+        for p in assembled.prepared
+        if p.mains is not None and p.channel == "displacement" and p.recording.role == "identify"
+    ]
     largest = max(found, default=0.0)
     return float(largest) if largest > resolution else 0.0
 
@@ -161,8 +189,9 @@ def _indistinguishable(naming: Naming, verdict: str, p: dict[str, float]) -> lis
     return out
 
 
-def _proof(assembled: Assembled, base: Fit, corrected: Fit, pieces: tuple[Any, ...], prior: Any
-           ) -> tuple[list[HeldOut], str]:
+def _proof(
+    assembled: Assembled, base: Fit, corrected: Fit, pieces: tuple[Any, ...], prior: Any
+) -> tuple[list[HeldOut], str]:
     """Held-out scores on the recordings to validate, or leaving out those to identify in turn."""
     held = tuple(p for p in pieces if not p.identify)
     if held:
@@ -196,17 +225,33 @@ def _ask(naming: Naming, members: list[str], campaign: Campaign, base: Fit) -> d
     return next_experiment(fits, names, actuator)
 
 
-def _summary(assembled: Assembled, naming: Naming, verdict: str, p: dict[str, float], members: list[str],
-             proof: list[HeldOut], how: str, ask: dict[str, Any], looks: list[Features], mended: dict[str, Any] | None,
-             seed: int, campaign: Campaign, model: Model) -> dict[str, Any]:
+def _summary(
+    assembled: Assembled,
+    naming: Naming,
+    verdict: str,
+    p: dict[str, float],
+    members: list[str],
+    proof: list[HeldOut],
+    how: str,
+    ask: dict[str, Any],
+    looks: list[Features],
+    mended: dict[str, Any] | None,
+    seed: int,
+    campaign: Campaign,
+    model: Model,
+) -> dict[str, Any]:
     none = naming.none
     detected = none.scan.detected
     confidence = calibrated(p[verdict], verdict)
     hypotheses = []
     for name in sorted(p, key=lambda k: -p[k]):
-        entry: dict[str, Any] = {"name": name, "probability": p[name],
-                                 "log_evidence": naming.log_evidence.get(NONE if name == MAINS else name),
-                                 "log_evidence_se": naming.log_evidence_se.get(NONE if name == MAINS else name), "parameters": {}}  # fmt: skip
+        entry: dict[str, Any] = {
+            "name": name,
+            "probability": p[name],
+            "log_evidence": naming.log_evidence.get(NONE if name == MAINS else name),
+            "log_evidence_se": naming.log_evidence_se.get(NONE if name == MAINS else name),
+            "parameters": {},
+        }
         if name in naming.weighed:
             entry["parameters"] = own_parameters(naming.weighed[name].fit, model)
         hypotheses.append(entry)
@@ -217,10 +262,12 @@ def _summary(assembled: Assembled, naming: Naming, verdict: str, p: dict[str, fl
         "indistinguishable": members,
         "statement": "",
         "mismatch": {
-            "detected": detected, "p_value": none.scan.p_value,
+            "detected": detected,
+            "p_value": none.scan.p_value,
             "where": where(none.weighed.fit, none.scan, looks),
             "by": excess_by(none.weighed.fit, none.scan, looks),
-            "reduced_chi2": none.scan.reduced_chi2, "threshold": none.scan.threshold,
+            "reduced_chi2": none.scan.reduced_chi2,
+            "threshold": none.scan.threshold,
         },
         "hypotheses": hypotheses,
         "proof": proof_summary(proof, how),
@@ -229,14 +276,19 @@ def _summary(assembled: Assembled, naming: Naming, verdict: str, p: dict[str, fl
         "adequate": naming.best.adequate,
         "adequacy_p_value": naming.best.scan.p_value,
         "skipped": naming.skipped,
-        "seed": seed, "version": __version__, "inputs": campaign.inputs, "warnings": list(assembled.warnings),
-    }  # fmt: skip
+        "seed": seed,
+        "version": __version__,
+        "inputs": campaign.inputs,
+        "warnings": list(assembled.warnings),
+    }
     if mended is not None:
         out["repair"] = mended
     if how != "validate":
         out["warnings"].append(
-            "no recording has role \"validate\": the proof was made by leaving out recordings in turn" if proof else
-            "there is one recording only: nothing is left to prove the verdict on; record a second one")  # fmt: skip
+            'no recording has role "validate": the proof was made by leaving out recordings in turn'
+            if proof
+            else "there is one recording only: nothing is left to prove the verdict on; record a second one"
+        )
     out["statement"] = statement(out, naming, assembled)
     return out
 
@@ -265,9 +317,16 @@ def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:
         cdf = np.cumsum(weight) - 0.5 * weight
         q05, q50, q95 = (float(np.interp(p, cdf, value)) for p in (0.05, 0.5, 0.95))
         prior_sd = prior.coordinate_sd()
-        out[parameter.name] = {"mean": mean, "sd": math.sqrt(max(float(weight @ (value - mean) ** 2), 0.0)), "q05": q05,
-                               "q50": q50, "q95": q95, "unit": parameter.unit, "map": float(math.exp(centre) if prior.is_log else centre),
-                               "contraction": max(0.0, 1.0 - (sd / prior_sd) ** 2) if prior_sd > 0 else None}  # fmt: skip
+        out[parameter.name] = {
+            "mean": mean,
+            "sd": math.sqrt(max(float(weight @ (value - mean) ** 2), 0.0)),
+            "q05": q05,
+            "q50": q50,
+            "q95": q95,
+            "unit": parameter.unit,
+            "map": float(math.exp(centre) if prior.is_log else centre),
+            "contraction": max(0.0, 1.0 - (sd / prior_sd) ** 2) if prior_sd > 0 else None,
+        }
     return out
 
 
@@ -277,9 +336,17 @@ def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
     out: dict[str, Any] = {"held_out": [], "how": how}
     for h in proof:
         unit = "m" if h.channel == "displacement" else "N"
-        out["held_out"].append({"recording": h.recording, "n": h.n, f"rmse_before_{unit}": h.rmse_before,
-                                f"rmse_after_{unit}": h.rmse_after, f"noise_{unit}": h.noise,
-                                "elpd_before": h.elpd_before, "elpd_after": h.elpd_after})  # fmt: skip
+        out["held_out"].append(
+            {
+                "recording": h.recording,
+                "n": h.n,
+                f"rmse_before_{unit}": h.rmse_before,
+                f"rmse_after_{unit}": h.rmse_after,
+                f"noise_{unit}": h.noise,
+                "elpd_before": h.elpd_before,
+                "elpd_after": h.elpd_after,
+            }
+        )
 
     def pooled(values: list[tuple[int, float]]) -> float | None:
         total = sum(n for n, _ in values)

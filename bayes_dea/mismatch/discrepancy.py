@@ -1,7 +1,7 @@
 """A smooth discrepancy of no stated physics: what "unknown" adds to a model.
 
-Linear columns over time since an edge, level and harmonics of the excitation, with normal coefficients of one amplitude;
-the amplitude runs over a log-uniform grid. Under V = 0 from the start of a recording all columns vanish.
+Linear columns over time since an edge, level and harmonics of the excitation, with normal coefficients of one
+amplitude; the amplitude runs over a log-uniform grid. Under V = 0 from the start of a recording all columns vanish.
 Kennedy & O'Hagan 2001, doi:10.1111/1467-9868.00294, with the structure stated instead of a stationary kernel.
 """
 
@@ -100,7 +100,9 @@ def discrepancy(fit: Fit, columns: list[Array], prior: NoisePrior, starts: Seque
     seeds = [fit.q, *starts]
     for a in AMPLITUDES_M:
         problem = replace(fit.problem, shared=tuple(columns), amplitude_m=float(a))
-        found = [f for q in seeds if (f := refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False)) is not None]
+        found = [
+            f for q in seeds if (f := refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False)) is not None
+        ]
         top = max((f.log_evidence for f in found), default=-math.inf)
         same = [f for f in found if f.log_evidence == top]
         if same:

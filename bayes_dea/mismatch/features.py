@@ -1,4 +1,4 @@
-"""What a block of a recording is like: time since the last edge, level, direction, phase. Used by the search for where."""
+"""What a block of a recording is like: time since the last edge, level, direction, phase: for the search for where."""
 
 from __future__ import annotations
 
@@ -58,8 +58,17 @@ def features(piece: Piece) -> Features:
         inside = (b.time_s >= begin) & (b.time_s <= end)
         phase[inside] = turns[inside] % 1.0
         repetition[inside] = turns[inside].astype(np.int64)
-    return Features(b.time_s, block_means(u, b, masked), block_means(moving, b, masked), since, jump,
-                    np.where(has, last + 1, 0), frequency, phase, repetition)  # fmt: skip
+    return Features(
+        b.time_s,
+        block_means(u, b, masked),
+        block_means(moving, b, masked),
+        since,
+        jump,
+        np.where(has, last + 1, 0),
+        frequency,
+        phase,
+        repetition,
+    )
 
 
 def excitation(t: Array, u: Array) -> tuple[float, float, float]:

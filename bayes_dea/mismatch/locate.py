@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 #: family-wise false-alarm rate at which a mismatch counts as found
 FAMILY_WISE = 0.01
 _DRAWS = 240
+_WAY = {1: "rising", -1: "falling"}
 _SMALLEST = 4  # blocks in the shortest window
 
 
@@ -133,8 +134,15 @@ def scan(fit: Fit, rng: np.random.Generator, looks: list[Features] | None = None
     p = -math.expm1(-math.exp(min((mu - top) / beta, 700.0))) if (mu - top) / beta > -700 else 0.0
     threshold = math.sqrt(mu - beta * math.log(-math.log1p(-FAMILY_WISE)))
     dof = res.e.size - res.basis.shape[1] - sum(N.shape[1] for N in res.local)
-    return Scan(max(p, 1e-300), math.sqrt(top), threshold, z, tuple(windows), float(res.e @ res.e) / max(dof, 1),
-                int(res.e.size))  # fmt: skip
+    return Scan(
+        max(p, 1e-300),
+        math.sqrt(top),
+        threshold,
+        z,
+        tuple(windows),
+        float(res.e @ res.e) / max(dof, 1),
+        int(res.e.size),
+    )
 
 
 class _Rows:
@@ -158,8 +166,10 @@ class _Rows:
 
     def matrix(self, n: int) -> csr_matrix:
         sizes = [i.size for i in self.index]
-        return csr_matrix((np.concatenate(self.value), np.concatenate(self.index),
-                           np.concatenate([[0], np.cumsum(sizes)])), shape=(len(sizes), n))  # fmt: skip
+        return csr_matrix(
+            (np.concatenate(self.value), np.concatenate(self.index), np.concatenate([[0], np.cumsum(sizes)])),
+            shape=(len(sizes), n),
+        )
 
 
 def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matrix, list[Window]]:
@@ -167,16 +177,21 @@ def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matri
     edge_bins: dict[tuple[str, int, int], list[NDArray[np.int64]]] = {}
     level_bins: dict[tuple[str, int], list[NDArray[np.int64]]] = {}
     way_bins: dict[str, list[NDArray[np.int64]]] = {}
-    top = max((float(np.max(f.level)) for p, f in zip(fit.problem.pieces, looks, strict=True)
-               if p.channel == "displacement"), default=1.0)  # fmt: skip
+    top = max(
+        (float(np.max(f.level)) for p, f in zip(fit.problem.pieces, looks, strict=True) if p.channel == "displacement"),
+        default=1.0,
+    )
     for i, (piece, f) in enumerate(zip(fit.problem.pieces, looks, strict=True)):
         begin, nb = int(res.start[i]), piece.blocks.n
         t = f.time_s
         size = _SMALLEST
         while size <= nb:
             for a in range(0, nb - size + 1, max(size // 2, 1)):
-                rows.add(np.arange(begin + a, begin + a + size), None,
-                         Window("time", i, "", float(t[a]), float(t[a + size - 1]), ""))  # fmt: skip
+                rows.add(
+                    np.arange(begin + a, begin + a + size),
+                    None,
+                    Window("time", i, "", float(t[a]), float(t[a + size - 1]), ""),
+                )
             size *= 2
         if nb >= 16:
             x = np.linspace(-1, 1, nb)
@@ -186,26 +201,60 @@ def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matri
             inside = np.flatnonzero(np.isfinite(f.phase))
             for k in range(1, HARMONICS + 1):
                 for name, wave in (("cos", np.cos), ("sin", np.sin)):
-                    rows.add(begin + inside, wave(2 * np.pi * k * f.phase[inside]),
-                             Window("frequency", i, f"harmonic {k} of {f.frequency_Hz:.3g} Hz ({name})",
-                                    float(t[inside[0]]), float(t[inside[-1]]), f"{f.frequency_Hz:.3g}:{k}"))  # fmt: skip
+                    rows.add(
+                        begin + inside,
+                        wave(2 * np.pi * k * f.phase[inside]),
+                        Window(
+                            "frequency",
+                            i,
+                            f"harmonic {k} of {f.frequency_Hz:.3g} Hz ({name})",
+                            float(t[inside[0]]),
+                            float(t[inside[-1]]),
+                            f"{f.frequency_Hz:.3g}:{k}",
+                        ),
+                    )
             for repeat in range(int(f.repetition.max()) + 1):
                 own = np.flatnonzero(f.repetition == repeat)
                 if own.size >= _SMALLEST and repeat < 40:
-                    for name, shape in (("level", None), ("sin", np.sin(2 * np.pi * f.phase[own])),
-                                        ("cos", np.cos(2 * np.pi * f.phase[own]))):  # fmt: skip
-                        rows.add(begin + own, shape, Window("repetition", i, f"period {repeat + 1} ({name})",
-                                                            float(t[own[0]]), float(t[own[-1]]), str(repeat + 1)))  # fmt: skip
+                    for name, shape in (
+                        ("level", None),
+                        ("sin", np.sin(2 * np.pi * f.phase[own])),
+                        ("cos", np.cos(2 * np.pi * f.phase[own])),
+                    ):
+                        rows.add(
+                            begin + own,
+                            shape,
+                            Window(
+                                "repetition",
+                                i,
+                                f"period {repeat + 1} ({name})",
+                                float(t[own[0]]),
+                                float(t[own[-1]]),
+                                str(repeat + 1),
+                            ),
+                        )
         prefix = piece.channel
         for rising in (1, -1):
             for j in range(SINCE_EDGE.size - 1):
-                own = np.flatnonzero((f.since_edge_s >= SINCE_EDGE[j]) & (f.since_edge_s < SINCE_EDGE[j + 1])
-                                     & (np.sign(f.jump) == rising))  # fmt: skip
+                own = np.flatnonzero(
+                    (f.since_edge_s >= SINCE_EDGE[j])
+                    & (f.since_edge_s < SINCE_EDGE[j + 1])
+                    & (np.sign(f.jump) == rising)
+                )
                 if own.size:
                     edge_bins.setdefault((prefix, rising, j), []).append(begin + own)
-                    rows.add(begin + own, None, Window(
-                        "edge", i, f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {'rising' if rising > 0 else 'falling'} edges",
-                        float(t[own[0]]), float(t[own[-1]]), f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}"))  # fmt: skip
+                    rows.add(
+                        begin + own,
+                        None,
+                        Window(
+                            "edge",
+                            i,
+                            f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {_WAY[rising]} edges",
+                            float(t[own[0]]),
+                            float(t[own[-1]]),
+                            f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
+                        ),
+                    )
         if prefix == "displacement":
             for j in range(6):
                 own = np.flatnonzero((f.level >= top * j / 6) & (f.level < top * (j + 1) / 6 + (1e-9 if j == 5 else 0)))
@@ -215,17 +264,34 @@ def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matri
             own = np.flatnonzero(chosen & np.isinf(f.since_edge_s) | chosen & (f.since_edge_s > 0.01))
             if own.size:
                 way_bins.setdefault(name, []).append(begin + own)
-                rows.add(begin + own, None, Window("direction", i, f"while the input goes {name}", float(t[own[0]]),
-                                                   float(t[own[-1]]), name))  # fmt: skip
+                rows.add(
+                    begin + own,
+                    None,
+                    Window("direction", i, f"while the input goes {name}", float(t[own[0]]), float(t[own[-1]]), name),
+                )
     for (_prefix, rising, j), parts in edge_bins.items():
         if len(parts) > 1:
             word = "rising" if rising > 0 else "falling"
-            rows.add(np.concatenate(parts), None, Window(
-                "edge", -1, f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {word} edges", 0.0, 0.0,
-                f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}"))  # fmt: skip
+            rows.add(
+                np.concatenate(parts),
+                None,
+                Window(
+                    "edge",
+                    -1,
+                    f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {word} edges",
+                    0.0,
+                    0.0,
+                    f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
+                ),
+            )
     for (_prefix, j), parts in level_bins.items():
-        rows.add(np.concatenate(parts), None, Window("voltage", -1, f"{top * j / 6:.0f}-{top * (j + 1) / 6:.0f} V", 0.0, 0.0,
-                                                     f"{top * (j + 0.5) / 6:.0f}"))  # fmt: skip
+        rows.add(
+            np.concatenate(parts),
+            None,
+            Window(
+                "voltage", -1, f"{top * j / 6:.0f}-{top * (j + 1) / 6:.0f} V", 0.0, 0.0, f"{top * (j + 0.5) / 6:.0f}"
+            ),
+        )
     for name, parts in way_bins.items():
         rows.add(np.concatenate(parts), None, Window("direction", -1, f"while the input goes {name}", 0.0, 0.0, name))
     return rows.matrix(res.e.size), rows.windows
@@ -233,8 +299,11 @@ def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matri
 
 def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[dict[str, Any]]:
     """Mismatch intervals: windows in time beyond the threshold, merged, the strongest first (CONTRACT 4)."""
-    hits = [(abs(float(found.z[k])), w) for k, w in enumerate(found.windows)
-            if w.family == "time" and abs(found.z[k]) > found.threshold]  # fmt: skip
+    hits = [
+        (abs(float(found.z[k])), w)
+        for k, w in enumerate(found.windows)
+        if w.family == "time" and abs(found.z[k]) > found.threshold
+    ]
     hits.sort(key=lambda h: (-h[0] / math.sqrt(max(h[1].t1_s - h[1].t0_s, 1e-3)), h[1].t0_s))
     kept: list[tuple[float, Window]] = []
     for strength, w in hits:
@@ -244,8 +313,15 @@ def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[
     for strength, w in sorted(kept, key=lambda h: -h[0])[:most]:
         piece, f = fit.problem.pieces[w.piece], looks[w.piece]
         inside = (f.time_s >= w.t0_s) & (f.time_s <= w.t1_s)
-        out.append({"recording": piece.name, "t_start_s": w.t0_s, "t_end_s": w.t1_s, "what": _describe(f, inside),
-                    "excess": round(strength, 2)})  # fmt: skip
+        out.append(
+            {
+                "recording": piece.name,
+                "t_start_s": w.t0_s,
+                "t_end_s": w.t1_s,
+                "what": _describe(f, inside),
+                "excess": round(strength, 2),
+            }
+        )
     return out
 
 
@@ -269,10 +345,16 @@ def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
 def excess_by(fit: Fit, found: Scan, looks: list[Features]) -> dict[str, dict[str, float]]:
     """Largest statistic by recording, frequency and harmonic, voltage, time since an edge, direction, repetition."""
     names = [p.name for p in fit.problem.pieces]
-    out: dict[str, dict[str, float]] = {k: {} for k in ("recording", "frequency_Hz", "voltage_V", "time_since_edge_s",
-                                                       "direction", "repetition")}  # fmt: skip
-    table = {"frequency": "frequency_Hz", "voltage": "voltage_V", "edge": "time_since_edge_s",
-             "direction": "direction", "repetition": "repetition"}  # fmt: skip
+    out: dict[str, dict[str, float]] = {
+        k: {} for k in ("recording", "frequency_Hz", "voltage_V", "time_since_edge_s", "direction", "repetition")
+    }
+    table = {
+        "frequency": "frequency_Hz",
+        "voltage": "voltage_V",
+        "edge": "time_since_edge_s",
+        "direction": "direction",
+        "repetition": "repetition",
+    }
     for k, w in enumerate(found.windows):
         z = round(abs(float(found.z[k])), 2)
         if w.piece >= 0:

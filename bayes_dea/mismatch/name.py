@@ -1,7 +1,7 @@
 """Which physics was left out: probabilities over every hypothesis, "none" and "unknown" among them.
 
-Single effects first; where the best of them is not adequate, a second one (and a third) beside it. "unknown" is a smooth
-discrepancy beside the best named explanation. Prior odds stand in priors/hypotheses.toml.
+Single effects first; where the best of them is not adequate, a second one (and a third) beside it. "unknown" is a
+smooth discrepancy beside the best named explanation. Prior odds stand in priors/hypotheses.toml.
 """
 
 from __future__ import annotations
@@ -110,26 +110,45 @@ def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object
         return None
     own = {p.name: p for p in base.parameters}
     known = {p.name for p in model.parameters}
-    given = {**{k: v for k, v in own.items() if k in known}, **{k: v for k, v in overrides.items() if k in known and k not in own}}
+    given = {
+        **{k: v for k, v in own.items() if k in known},
+        **{k: v for k, v in overrides.items() if k in known and k not in own},
+    }
     return build_model("+".join(plain + names), given)  # type: ignore[arg-type]
 
 
-def explain(weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
-            starts: Sequence[Array] = ()) -> Explanation:
+def explain(
+    weighed: Weighed,
+    looks: list[Features],
+    columns: list[Array],
+    rng: np.random.Generator,
+    prior: NoisePrior,
+    starts: Sequence[Array] = (),
+) -> Explanation:
     """A hypothesis with its adequacy and what a discrepancy would add."""
     return Explanation(weighed, scan(weighed.fit, rng, looks), discrepancy(weighed.fit, columns, prior, starts))
 
 
-def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[Features], rng: np.random.Generator, *,
-                 resolution_m: float, overrides: Mapping[str, object] | None = None, report: Report | None = None,
-                 most_effects: int = 3) -> Naming:
+def name_physics(
+    base: Fit,
+    campaign: Campaign,
+    prior: NoisePrior,
+    looks: list[Features],
+    rng: np.random.Generator,
+    *,
+    resolution_m: float,
+    overrides: Mapping[str, object] | None = None,
+    report: Report | None = None,
+    most_effects: int = 3,
+) -> Naming:
     """Weigh all hypotheses on the recordings to identify."""
     say = report or (lambda *_: None)
     columns = basis(base, looks)
     model = base.problem.model
     frames = frames_of(base, looks, prior)
-    none = explain(Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior,
-                   [f.fit.q for f in frames[1:]])
+    none = explain(
+        Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior, [f.fit.q for f in frames[1:]]
+    )
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces})
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
     weighed = _singles(base, frames, model, names, prior, given, say)
@@ -181,7 +200,7 @@ def name_physics(base: Fit, campaign: Campaign, prior: NoisePrior, looks: list[F
 
 
 def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:
-    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown all the same."""
+    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown."""
     if best.adequate:
         return probability
     left = min(1.0, best.scan.p_value / ADEQUATE) * 0.2
@@ -218,12 +237,21 @@ def _refined(base: Fit, screened: list[Screened], prior: NoisePrior, say: Report
         w = refine(base, s, prior, starts) if promising else None
         if w is not None:
             reached = max(reached, base.objective - w.fit.objective)
-        out["+".join(s.effects)] = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
+        out["+".join(s.effects)] = w or Weighed(
+            s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0
+        )
     return out
 
 
-def _singles(base: Fit, frames: list[Frame], model: Model, names: list[str], prior: NoisePrior,
-             overrides: Mapping[str, object], say: Report) -> dict[str, Weighed]:
+def _singles(
+    base: Fit,
+    frames: list[Frame],
+    model: Model,
+    names: list[str],
+    prior: NoisePrior,
+    overrides: Mapping[str, object],
+    say: Report,
+) -> dict[str, Weighed]:
     """All single effects: a grid for each, a refit for the promising ones."""
     found = []
     for k, name in enumerate(names):
@@ -235,8 +263,9 @@ def _singles(base: Fit, frames: list[Frame], model: Model, names: list[str], pri
     return _refined(base, found, prior, say, 2)
 
 
-def _beside(best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report
-            ) -> list[Weighed]:
+def _beside(
+    best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report
+) -> list[Weighed]:
     """Every further effect beside the ones found."""
     frame = Frame(best.fit)
     found = []

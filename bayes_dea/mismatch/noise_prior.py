@@ -29,8 +29,10 @@ class NoisePrior:
 
     def start(self) -> Noise:
         """The centre."""
-        return Noise({c: math.exp(m) for c, (m, _) in self.log_sigma.items()},
-                     {c: tuple(math.tanh(m) for m, _ in r) for c, r in self.atanh_rho.items()})  # fmt: skip
+        return Noise(
+            {c: math.exp(m) for c, (m, _) in self.log_sigma.items()},
+            {c: tuple(math.tanh(m) for m, _ in r) for c, r in self.atanh_rho.items()},
+        )
 
     def coordinates(self, noise: Noise, channel: str) -> NDArray[np.float64]:
         """Distance from the centre in sds."""
@@ -47,8 +49,7 @@ class NoisePrior:
 
     def minus_log(self, noise: Noise, channel: str | None = None) -> float:
         """Minus log prior of the noise, up to a constant that all hypotheses share."""
-        return sum(0.5 * float(np.sum(self.coordinates(noise, c) ** 2))
-                   for c in self.log_sigma if channel in (None, c))  # fmt: skip
+        return sum(0.5 * float(np.sum(self.coordinates(noise, c) ** 2)) for c in self.log_sigma if channel in (None, c))
 
 
 def noise_prior(assembled: Assembled) -> NoisePrior:
@@ -59,8 +60,11 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
         log_sigma[c.channel] = (math.log(c.sigma_guess), _spread([math.log(p.quiet_sd) for p in members], SIGMA_LOG_SD))
         rhos = []
         for j, guess in enumerate(c.rho_guess):
-            own = [math.atanh(float(np.clip(p.quiet_rho, -0.999, 0.999))) for p in members
-                   if c.rates.of(p) == j and np.isfinite(p.quiet_rho)]  # fmt: skip
+            own = [
+                math.atanh(float(np.clip(p.quiet_rho, -0.999, 0.999)))
+                for p in members
+                if c.rates.of(p) == j and np.isfinite(p.quiet_rho)
+            ]
             rhos.append((math.atanh(float(np.clip(guess, -0.995, 0.995))), _spread(own, RHO_SD)))
         atanh_rho[c.channel] = tuple(rhos)
     return NoisePrior(log_sigma, atanh_rho)

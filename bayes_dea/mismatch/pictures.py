@@ -56,7 +56,11 @@ def _edge_map(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:
             column = np.clip(np.searchsorted(SINCE_EDGE, f.since_edge_s[own], side="right") - 1, 0, SINCE_EDGE.size - 2)
             np.add.at(total[side], (row, column), weight[own] * raw[i][own])
             np.add.at(count[side], (row, column), weight[own])
-    return {"edge_map": np.where(count > 0, total / np.maximum(count, 1), np.nan), "edge_levels": levels, "edge_since": borders}
+    return {
+        "edge_map": np.where(count > 0, total / np.maximum(count, 1), np.nan),
+        "edge_levels": levels,
+        "edge_since": borders,
+    }
 
 
 def _harmonics(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:
@@ -72,5 +76,8 @@ def _harmonics(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:
         names.append(piece.name)
         frequencies.append(f.frequency_Hz)
     order = [int(k) for k in np.argsort(frequencies)]
-    return {"harmonics": np.array([rows[k] for k in order]), "wave_names": np.array([names[k] for k in order]),
-            "frequencies": np.array([frequencies[k] for k in order])}  # fmt: skip
+    return {
+        "harmonics": np.array([rows[k] for k in order]),
+        "wave_names": np.array([names[k] for k in order]),
+        "frequencies": np.array([frequencies[k] for k in order]),
+    }

@@ -60,8 +60,14 @@ def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
     """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""
     sigma, rho = noise.of(piece)
     k = len(columns)
-    x, logdet = block_whiten(np.concatenate([columns, piece.nuisance]), piece.blocks.count, sigma, rho,
-                             piece.blocks.gap, piece.white_variance)  # fmt: skip
+    x, logdet = block_whiten(
+        np.concatenate([columns, piece.nuisance]),
+        piece.blocks.count,
+        sigma,
+        rho,
+        piece.blocks.gap,
+        piece.white_variance,
+    )
     C, B = x[:k], x[k:]
     M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
     coupling = np.asarray(np.linalg.solve(M, B @ C.T), dtype=float)
@@ -88,11 +94,15 @@ class Problem:
         groups = gain_groups(assembled)
         gains = []
         for channel, specimen in groups:
-            terms = [assembled.terms[p.name] for p in assembled.prepared
-                     if p.channel == channel and p.recording.specimen == specimen]  # fmt: skip
+            terms = [
+                assembled.terms[p.name]
+                for p in assembled.prepared
+                if p.channel == channel and p.recording.specimen == specimen
+            ]
             gains.append(max(max(t.gain_sd for t in terms), 1e-9))
-        return Problem(model, tuple(pieces), np.array([z.mean for z in zeros]), np.array([z.sd for z in zeros]),
-                       np.array(gains))  # fmt: skip
+        return Problem(
+            model, tuple(pieces), np.array([z.mean for z in zeros]), np.array([z.sd for z in zeros]), np.array(gains)
+        )
 
     def with_model(self, model: Model) -> Problem:
         """The same recordings under another model."""
@@ -106,8 +116,11 @@ class Problem:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return (*self.model.coordinate_names, *(f"zero_{i}" for i in range(self.zero_mean.size)),
-                *(f"gain_{i}" for i in range(self.gain_sd.size)))  # fmt: skip
+        return (
+            *self.model.coordinate_names,
+            *(f"zero_{i}" for i in range(self.zero_mean.size)),
+            *(f"gain_{i}" for i in range(self.gain_sd.size)),
+        )
 
     def beside(self, q: Array) -> tuple[Array, Array]:
         """Zeros and gains of coordinates (d,)."""
@@ -131,8 +144,10 @@ class Problem:
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
-        return [x if p.nodes is None else np.interp(p.recording.time_s, p.nodes.time_s, x)
-                for p, x in zip(self.pieces, self.outputs(q), strict=True)]  # fmt: skip
+        return [
+            x if p.nodes is None else np.interp(p.recording.time_s, p.nodes.time_s, x)
+            for p, x in zip(self.pieces, self.outputs(q), strict=True)
+        ]
 
     def outputs(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
         """The model's output at the nodes of voltage recordings and the rows of mechanical ones; empty if not asked."""

@@ -46,15 +46,26 @@ def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...]) -> list[HeldOut
             scored.append((rest, _log_density(fit, piece, m[i])))
         (r0, e0), (r1, e1) = scored
         masked = ~piece.prepared.observed
-        out.append(HeldOut(
-            piece.name, piece.channel, int(np.isfinite(r1).sum()), _rms(r0), _rms(r1), after.noise.of(piece)[0], e0, e1,
-            block_means(np.where(masked, 0.0, r0), piece.blocks, masked),
-            block_means(np.where(masked, 0.0, r1), piece.blocks, masked), piece.blocks.time_s))  # fmt: skip
+        out.append(
+            HeldOut(
+                piece.name,
+                piece.channel,
+                int(np.isfinite(r1).sum()),
+                _rms(r0),
+                _rms(r1),
+                after.noise.of(piece)[0],
+                e0,
+                e1,
+                block_means(np.where(masked, 0.0, r0), piece.blocks, masked),
+                block_means(np.where(masked, 0.0, r1), piece.blocks, masked),
+                piece.blocks.time_s,
+            )
+        )
     return out
 
 
 def own_offset_and_gain(piece: Piece, x: Array) -> Array:
-    """Residual (n,) after the recording's own gain, offset and mains by least squares; nan where nothing was observed."""
+    """Residual (n,) after the recording's own gain, offset and mains by least squares; nan without a reading."""
     p = piece.prepared
     A = np.concatenate([x[:, None], p.nuisance()], axis=1)
     scale = np.maximum(np.abs(A).max(axis=0), 1e-300)

@@ -1,7 +1,7 @@
 """A campaign reduced to block means: what every hypothesis is compared on.
 
-Blocks are single samples after edges and grow to 5 s (`noise.blocks`); the chain is worked out at nodes, every row where
-something moves, and averaged over the rows of a block by a sparse matrix. Block means of AR(1) noise keep their
+Blocks are single samples after edges and grow to 5 s (`noise.blocks`); the chain is worked out at nodes, every row
+where something moves, and averaged over the rows of a block by a sparse matrix. Block means of AR(1) noise keep their
 exact covariance.
 """
 
@@ -80,8 +80,13 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
     gap = np.ones(at.size, dtype=np.int64)
     gap[1:] = b.start[at[1:]] - b.stop[at[:-1]] + 1
     blocks = Blocks(b.start[at], b.stop[at], b.count[at], np.maximum(gap, b.gap[at]), b.time_s[at], b.duration_s[at])
-    return replace(piece, blocks=blocks, y=piece.y[at], nuisance=piece.nuisance[:, at],
-                   averaging=None if piece.averaging is None else piece.averaging[at])  # fmt: skip
+    return replace(
+        piece,
+        blocks=blocks,
+        y=piece.y[at],
+        nuisance=piece.nuisance[:, at],
+        averaging=None if piece.averaging is None else piece.averaging[at],
+    )
 
 
 def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
@@ -118,12 +123,18 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
     blocks = log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=y, mask=masked & ~gap)
     nodes = make_nodes(p.recording)
     return Piece(
-        p, "displacement", group, rate, blocks,
+        p,
+        "displacement",
+        group,
+        rate,
+        blocks,
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
-        block_means(p.nuisance().T, blocks, masked), sd,
-        nodes=nodes, averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
+        block_means(p.nuisance().T, blocks, masked),
+        sd,
+        nodes=nodes,
+        averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
         past=past_nodes(memory(recordings, p.recording), p.recording),
-    )  # fmt: skip
+    )
 
 
 def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) -> Piece:
@@ -131,15 +142,28 @@ def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) 
     raw = filled_input(p.recording.columns["position_m"])
     masked = ~p.observed
     gap = ~np.isfinite(p.y)
-    blocks = log_blocks(p.recording.time_s, raw, POSITION_BLOCKS, y=np.where(gap, np.nan, p.y), mask=masked & ~gap,
-                        kinks=find_kinks(raw))  # fmt: skip
+    blocks = log_blocks(
+        p.recording.time_s,
+        raw,
+        POSITION_BLOCKS,
+        y=np.where(gap, np.nan, p.y),
+        mask=masked & ~gap,
+        kinks=find_kinks(raw),
+    )
     force = p.y[p.observed]
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     stiffness = float(np.quantile(force, 0.999) - np.quantile(force, 0.001)) / travel
     return Piece(
-        p, "force", group, rate, blocks,
+        p,
+        "force",
+        group,
+        rate,
+        blocks,
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
-        block_means(p.nuisance().T, blocks, masked), sd,
-        white_variance=(stiffness * input_noise(raw)) ** 2, position=position, zero=zero,
+        block_means(p.nuisance().T, blocks, masked),
+        sd,
+        white_variance=(stiffness * input_noise(raw)) ** 2,
+        position=position,
+        zero=zero,
         contact=contact_of(p.recording),
-    )  # fmt: skip
+    )

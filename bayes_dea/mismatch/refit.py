@@ -44,7 +44,9 @@ class Fit:
 
     def values(self) -> dict[str, float]:
         """Physical parameters at the maximum."""
-        return {k: float(v[0]) for k, v in self.problem.model.physical(self.q[None, : self.problem.model.dimension]).items()}
+        return {
+            k: float(v[0]) for k, v in self.problem.model.physical(self.q[None, : self.problem.model.dimension]).items()
+        }
 
 
 def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
@@ -93,8 +95,16 @@ def bounds(problem: Problem) -> tuple[Array, Array]:
     return low, high
 
 
-def refit(problem: Problem, q0: Array, noise: Noise, prior: NoisePrior, *, max_steps: int = 25, tolerance: float = 1e-3,
-          fit_noise: bool = True) -> Fit | None:
+def refit(
+    problem: Problem,
+    q0: Array,
+    noise: Noise,
+    prior: NoisePrior,
+    *,
+    max_steps: int = 25,
+    tolerance: float = 1e-3,
+    fit_noise: bool = True,
+) -> Fit | None:
     """Levenberg-Marquardt from q0; the noise is fitted in between. None where the model has no answer at q0."""
     low, high = bounds(problem)
     margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
@@ -151,8 +161,11 @@ def refit(problem: Problem, q0: Array, noise: Noise, prior: NoisePrior, *, max_s
     sign, logdet_h = np.linalg.slogdet(H)
     evidence = -objective + 0.5 * q.size * math.log(2 * math.pi) - 0.5 * logdet_h if sign > 0 else -math.inf
     names = problem.names
-    touching = tuple(names[i] for i in range(q.size) if min(q[i] - low[i], high[i] - q[i]) <= 2 * margin[i] + 1e-12
-                     and np.isfinite(margin[i]) and margin[i] > 0)  # fmt: skip
+    touching = tuple(
+        names[i]
+        for i in range(q.size)
+        if min(q[i] - low[i], high[i] - q[i]) <= 2 * margin[i] + 1e-12 and np.isfinite(margin[i]) and margin[i] > 0
+    )
     return Fit(problem, q, noise, objective, H, float(evidence), touching, taken, clean, slopes)
 
 
@@ -192,8 +205,12 @@ def fit_noise_terms(problem: Problem, q: Array, clean: list[Array], start: Noise
             return prior.minus_log(trial, channel) + 0.5 * float(gram[0, 0]) + 0.5 * logdet
 
         x0 = np.clip(prior.coordinates(noise, channel), -_NOISE_SDS + 1, _NOISE_SDS - 1)
-        found = minimize(objective, x0, method="Nelder-Mead",
-                         options={"xatol": 0.05, "fatol": 0.02, "maxfev": 60, "initial_simplex": _simplex(x0)})  # fmt: skip
+        found = minimize(
+            objective,
+            x0,
+            method="Nelder-Mead",
+            options={"xatol": 0.05, "fatol": 0.02, "maxfev": 60, "initial_simplex": _simplex(x0)},
+        )
         noise = prior.at(noise, channel, found.x)
     return noise
 

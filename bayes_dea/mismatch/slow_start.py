@@ -1,8 +1,8 @@
 """A fit of the base to what is slow in the recordings.
 
-A model without the effect often bends a fast branch to imitate it (a resistance becomes a mode of four milliseconds), and
-from there no search for the effect finds the way back. Fitted to plateaus and slow waves alone, the base keeps to what
-it is meant for; hypotheses are tried from there as well.
+A model without the effect often bends a fast branch to imitate it (a resistance becomes a mode of four milliseconds),
+and from there no search for the effect finds the way back. Fitted to plateaus and slow waves alone, the base keeps to
+what it is meant for; hypotheses are tried from there as well.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
         return None
     best = min(fits, key=lambda f: f.objective)
     gram, logdet, _, _ = problem.gram(base.q, base.noise, with_jacobian=False)
-    here = -float(base.problem.log_prior(base.q)[0]) + 0.5 * float(gram[0, 0]) + 0.5 * logdet + prior.minus_log(base.noise)
+    here = (
+        -float(base.problem.log_prior(base.q)[0]) + 0.5 * float(gram[0, 0]) + 0.5 * logdet + prior.minus_log(base.noise)
+    )
     if here - best.objective < _WORTH:
         return None
     _, _, clean, slopes = base.problem.gram(best.q, base.noise)

@@ -26,8 +26,9 @@ from .weigh import refine, screen
 Array = NDArray[np.float64]
 
 
-def effect_starts(assembled: Assembled, model: Model, rng: np.random.Generator, settings: MapSettings, count: int = 4
-                  ) -> list[Array]:
+def effect_starts(
+    assembled: Assembled, model: Model, rng: np.random.Generator, settings: MapSettings, count: int = 4
+) -> list[Array]:
     """Coordinates of the posterior (d,) at refits of `model` from different points of its effects' grid, best first."""
     own: Mapping[str, Any] = {p.name: p for p in model.parameters}
     plain = "+".join(part for part in model.name.split("+") if part not in model.spec.effects)
@@ -35,8 +36,13 @@ def effect_starts(assembled: Assembled, model: Model, rng: np.random.Generator, 
     bare = build_model(plain, {k: v for k, v in own.items() if k in names})
     base_assembled = assemble(assembled.campaign, bare)
     found, posterior = find_map(
-        base_assembled.posterior, base_assembled.search_model, list(base_assembled.search_groups), rng, settings,
-        base_assembled.refresh if base_assembled.has_blocks else None)  # fmt: skip
+        base_assembled.posterior,
+        base_assembled.search_model,
+        list(base_assembled.search_groups),
+        rng,
+        settings,
+        base_assembled.refresh if base_assembled.has_blocks else None,
+    )
     pieces = [p for p in reduce_campaign(base_assembled) if p.identify]
     prior = noise_prior(base_assembled)
     problem = Problem.of(base_assembled, bare, pieces)

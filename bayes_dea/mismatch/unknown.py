@@ -1,4 +1,4 @@
-"""What can be said of a mismatch that nothing on the list explains: where in the chain it lives and what it looks like."""
+"""What can be said of a mismatch that nothing on the list explains: where it lives and what it looks like."""
 
 from __future__ import annotations
 
@@ -13,12 +13,17 @@ from .name import Explanation
 
 #: terms that are tried: name, stage, what they act on
 _TERMS = (
-    ("V^2", "electrostatic", "voltage"), ("V^4", "electrostatic", "voltage"),
-    ("displacement^2", "mechanical", "strain"), ("rate of the command", "mechanical", "strain rate"),
-    ("|rate| of the command", "mechanical", "strain rate"), ("time since an edge < 30 ms", "electrical", "edges"),
-    ("time since an edge 30 ms - 1 s", "mechanical", "fast creep"), ("time since an edge > 1 s", "mechanical", "slow creep"),
-    ("time of the recording", "sensor", "time"), ("direction of travel", "mechanical", "direction"),
-)  # fmt: skip
+    ("V^2", "electrostatic", "voltage"),
+    ("V^4", "electrostatic", "voltage"),
+    ("displacement^2", "mechanical", "strain"),
+    ("rate of the command", "mechanical", "strain rate"),
+    ("|rate| of the command", "mechanical", "strain rate"),
+    ("time since an edge < 30 ms", "electrical", "edges"),
+    ("time since an edge 30 ms - 1 s", "mechanical", "fast creep"),
+    ("time since an edge > 1 s", "mechanical", "slow creep"),
+    ("time of the recording", "sensor", "time"),
+    ("direction of travel", "mechanical", "direction"),
+)
 
 
 def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
@@ -35,9 +40,20 @@ def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
         since = np.where(np.isfinite(f.since_edge_s), f.since_edge_s, 1e9)
         x = fit.clean[i] / max(float(np.max(np.abs(fit.clean[i]))), 1e-300)
         t = np.linspace(0, 1, v.size)
-        own = np.stack([v**2, v**4, x**2, f.speed, np.abs(f.speed), (since < 0.03) * np.sign(f.jump),
-                        ((since >= 0.03) & (since < 1.0)) * np.sign(f.jump), ((since >= 1.0) & (since < 1e8)) * np.sign(f.jump),
-                        t, np.sign(np.where(np.abs(f.speed) > 0.02, f.speed, 0.0))])  # fmt: skip
+        own = np.stack(
+            [
+                v**2,
+                v**4,
+                x**2,
+                f.speed,
+                np.abs(f.speed),
+                (since < 0.03) * np.sign(f.jump),
+                ((since >= 0.03) & (since < 1.0)) * np.sign(f.jump),
+                ((since >= 1.0) & (since < 1e8)) * np.sign(f.jump),
+                t,
+                np.sign(np.where(np.abs(f.speed) > 0.02, f.speed, 0.0)),
+            ]
+        )
         sigma, _ = fit.noise.of(piece)
         columns.append(own * np.sqrt(piece.blocks.count) / sigma)
     A = res.project(np.concatenate(columns, axis=1).T)
@@ -66,8 +82,15 @@ def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
             others = A[:, [j for j in chosen if j != k]]
             without = e - others @ np.linalg.lstsq(others, e, rcond=1e-10)[0] if others.shape[1] else e
             gain = 0.5 * (float(without @ without) - left) - 0.5 * math.log(e.size)
-            terms.append({"term": _TERMS[k][0], "mean": float(c[n]), "sd": math.sqrt(max(float(cov[n, n]), 0.0)), "unit": "m",
-                          "inclusion_probability": 1.0 / (1.0 + math.exp(-min(max(gain, -50.0), 50.0)))})  # fmt: skip
+            terms.append(
+                {
+                    "term": _TERMS[k][0],
+                    "mean": float(c[n]),
+                    "sd": math.sqrt(max(float(cov[n, n]), 0.0)),
+                    "unit": "m",
+                    "inclusion_probability": 1.0 / (1.0 + math.exp(-min(max(gain, -50.0), 50.0))),
+                }
+            )
     stage, acts = (_TERMS[chosen[0]][1], _TERMS[chosen[0]][2]) if chosen else ("unknown", "no term that was tried")
     words = " + ".join(f"{t['mean'] * 1e6:.2g} um x ({t['term']})" for t in terms) or "no simple form"
     return {"stage": stage, "acts_on": acts, "form": words, "terms": terms, "partial": best.weighed.name}

@@ -210,7 +210,7 @@ def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) ->
 
 
 def _escape(fit: Fit, index: NDArray[np.int64], prior: NoisePrior) -> Fit:
-    """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step, a limit at others."""
+    """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step."""
     widths = fit.problem.model.priors.scales()
     for _ in range(3):
         frame = Frame(fit)

@@ -18,21 +18,32 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled) -> 
     numbers = ""
     if proof["rmse_before_m"] is not None:
         before, after, noise = (1e6 * proof[k] for k in ("rmse_before_m", "rmse_after_m", "noise_m"))
-        numbers = f"the error on {where.get(proof['how'], 'them')} falls from {before:.3g} to {after:.3g} um (noise {noise:.3g} um)"
+        numbers = (
+            f"the error on {where.get(proof['how'], 'them')} falls from {before:.3g} to {after:.3g} um "
+            f"(noise {noise:.3g} um)"
+        )
     if verdict == NONE:
         if summary["mismatch"]["detected"]:
-            return ("The recordings differ from the model by less than one resolution step or by nothing that lasts; no physics "
-                    f"is claimed ({confidence}).")  # fmt: skip
+            return (
+                "The recordings differ from the model by less than one resolution step or by nothing that lasts; "
+                f"no physics is claimed ({confidence})."
+            )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
         line = max((p.mains for p in assembled.prepared if p.mains is not None), key=lambda m: m.amplitude)
-        return (f"Mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is picked up by the sensor; "
-                f"beyond it nothing speaks against {summary['model']} ({confidence}).")  # fmt: skip
+        return (
+            f"Mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is picked "
+            f"up by the sensor; "
+            f"beyond it nothing speaks against {summary['model']} ({confidence})."
+        )
     if verdict == UNKNOWN:
         fix = summary.get("repair", {})
         partial = naming.best.weighed.name
-        text = (f"Something was left out that is not on the list ({confidence}): the mismatch lives in the {fix.get('stage')} stage "
-                f"and goes with {fix.get('acts_on')}.")  # fmt: skip
+        text = (
+            f"Something was left out that is not on the list ({confidence}): the mismatch lives "
+            f"in the {fix.get('stage')} stage "
+            f"and goes with {fix.get('acts_on')}."
+        )
         return text + ("" if partial == NONE else f" The best partial explanation is {partial}; it does not mend all.")
     weighed = naming.weighed[verdict]
     values = weighed.fit.values()

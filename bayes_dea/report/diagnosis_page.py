@@ -25,8 +25,13 @@ def write_diagnosis_page(folder: Path) -> Path:
     summary = read_json(folder / "diagnosis.json")
     with np.load(folder / "diagnosis.npz", allow_pickle=False) as file:
         data = {k: file[k] for k in file.files}
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent / "templates"), autoescape=True,
-                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     with looks():
         pictures = {
             "probabilities": _probabilities(summary),
@@ -37,8 +42,13 @@ def write_diagnosis_page(folder: Path) -> Path:
             "worst": _before_after(summary, data),
         }
     html = environment.get_template(_TEMPLATE).render(
-        s=summary, p=pictures, hypotheses=_rows(summary), command=shlex.join(summary.get("command", [])) or None,
-        held=_held_rows(summary), by=_by_rows(summary))  # fmt: skip
+        s=summary,
+        p=pictures,
+        hypotheses=_rows(summary),
+        command=shlex.join(summary.get("command", [])) or None,
+        held=_held_rows(summary),
+        by=_by_rows(summary),
+    )
     path = folder / "report.html"
     write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
     return path
@@ -60,9 +70,16 @@ def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     for h in summary["hypotheses"][:12]:
         numbers = "; ".join(f"{k} = {v['mean']:.3g} ± {v['sd']:.2g} {v['unit']}" for k, v in h["parameters"].items())
         p = h["probability"]
-        out.append({"name": h["name"], "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}",
-                    "evidence": "–" if h["log_evidence"] is None else f"{h['log_evidence']:.1f} ± {h['log_evidence_se']:.1f}",
-                    "numbers": numbers})  # fmt: skip
+        out.append(
+            {
+                "name": h["name"],
+                "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}",
+                "evidence": "–"
+                if h["log_evidence"] is None
+                else f"{h['log_evidence']:.1f} ± {h['log_evidence_se']:.1f}",
+                "numbers": numbers,
+            }
+        )
     return out
 
 
@@ -70,15 +87,27 @@ def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     out = []
     for h in summary["proof"]["held_out"]:
         unit, scale, sign = ("m", 1e6, "µm") if "rmse_before_m" in h else ("N", 1e3, "mN")
-        out.append({"name": h["recording"], "before": f"{scale * h[f'rmse_before_{unit}']:.3g} {sign}",
-                    "after": f"{scale * h[f'rmse_after_{unit}']:.3g} {sign}", "noise": f"{scale * h[f'noise_{unit}']:.3g} {sign}",
-                    "gain": f"{h['elpd_after'] - h['elpd_before']:.1f}"})  # fmt: skip
+        out.append(
+            {
+                "name": h["recording"],
+                "before": f"{scale * h[f'rmse_before_{unit}']:.3g} {sign}",
+                "after": f"{scale * h[f'rmse_after_{unit}']:.3g} {sign}",
+                "noise": f"{scale * h[f'noise_{unit}']:.3g} {sign}",
+                "gain": f"{h['elpd_after'] - h['elpd_before']:.1f}",
+            }
+        )
     return out
 
 
 def _by_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    words = {"frequency_Hz": "frequency : harmonic", "voltage_V": "voltage (V)", "time_since_edge_s": "after an edge (s)",
-             "direction": "direction", "repetition": "repetition", "recording": "recording"}  # fmt: skip
+    words = {
+        "frequency_Hz": "frequency : harmonic",
+        "voltage_V": "voltage (V)",
+        "time_since_edge_s": "after an edge (s)",
+        "direction": "direction",
+        "repetition": "repetition",
+        "recording": "recording",
+    }
     out = []
     for key, table in summary["mismatch"]["by"].items():
         best = sorted(table.items(), key=lambda kv: -kv[1])[:4]
@@ -101,8 +130,12 @@ def _probabilities(summary: dict[str, Any]) -> Picture:
     set_log_x(ax, 1e-6, 8.0)
     ax.set_xlabel("probability")
     figure.tight_layout()
-    return picture(figure, f"What may have been left out, and how probable each is after the recordings were seen. The verdict, "
-                   f"{summary['verdict']}, is coloured. A factor of ten is one tick.", "bars of probabilities")  # fmt: skip
+    return picture(
+        figure,
+        f"What may have been left out, and how probable each is after the recordings were seen. The verdict, "
+        f"{summary['verdict']}, is coloured. A factor of ten is one tick.",
+        "bars of probabilities",
+    )
 
 
 def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Picture:
@@ -117,7 +150,13 @@ def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Pictu
     for w in summary["mismatch"]["where"]:
         if w["recording"] == name:
             for a in (top, ax):
-                a.axvspan(w["t_start_s"], max(w["t_end_s"], w["t_start_s"] + 1e-3 * float(np.ptp(t))), color=ORANGE, alpha=0.3, linewidth=0)
+                a.axvspan(
+                    w["t_start_s"],
+                    max(w["t_end_s"], w["t_start_s"] + 1e-3 * float(np.ptp(t))),
+                    color=ORANGE,
+                    alpha=0.3,
+                    linewidth=0,
+                )
     ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="model as given")
     ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="corrected")
     ax.axhline(0, color=GREY, linewidth=0.6)
@@ -125,8 +164,12 @@ def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Pictu
     ax.set_xlabel("time (s)")
     ax.legend(loc="upper right", ncols=2)
     figure.tight_layout()
-    return picture(figure, f"{name}: what the model misses (block means). Shaded: stretches where the difference is larger than "
-                   "chance allows anywhere in the campaign in 99 of 100 cases.", f"residuals of {name}")  # fmt: skip
+    return picture(
+        figure,
+        f"{name}: what the model misses (block means). Shaded: stretches where the difference is larger than "
+        "chance allows anywhere in the campaign in 99 of 100 cases.",
+        f"residuals of {name}",
+    )
 
 
 def _edge_map(data: dict[str, Array]) -> Picture | None:
@@ -145,8 +188,12 @@ def _edge_map(data: dict[str, Array]) -> Picture | None:
     axes[0].set_ylabel("voltage (V)")
     assert shown is not None
     figure.colorbar(shown, ax=list(axes), label="measured − model (µm)")
-    return picture(figure, "Mean difference by voltage and time since the last edge: a delay or a resistance colours the first "
-                   "columns, a wrong static law whole rows. White: no such samples, or no difference.", "map of excess")  # fmt: skip
+    return picture(
+        figure,
+        "Mean difference by voltage and time since the last edge: a delay or a resistance colours the first "
+        "columns, a wrong static law whole rows. White: no such samples, or no difference.",
+        "map of excess",
+    )
 
 
 def _harmonic_map(data: dict[str, Array]) -> Picture | None:
@@ -161,13 +208,24 @@ def _harmonic_map(data: dict[str, Array]) -> Picture | None:
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
             v = values[r, c] * 1e6
-            ax.text(c + 0.5, r + 0.5, f"{v:.2g}", ha="center", va="center", fontsize=8,
-                    color="white" if v < 0.6 * values.max() * 1e6 else "black")  # fmt: skip
+            ax.text(
+                c + 0.5,
+                r + 0.5,
+                f"{v:.2g}",
+                ha="center",
+                va="center",
+                fontsize=8,
+                color="white" if v < 0.6 * values.max() * 1e6 else "black",
+            )
     ax.set_xlabel("harmonic of the excitation")
     figure.colorbar(shown, ax=ax, label="amplitude (µm)")
     figure.tight_layout()
-    return picture(figure, "Amplitude of the difference at the excitation and its harmonics, recording by recording: timing shows "
-                   "in the first harmonic and grows with frequency, a static nonlinearity does not.", "map of harmonics")  # fmt: skip
+    return picture(
+        figure,
+        "Amplitude of the difference at the excitation and its harmonics, recording by recording: timing shows "
+        "in the first harmonic and grows with frequency, a static nonlinearity does not.",
+        "map of harmonics",
+    )
 
 
 def _proof(summary: dict[str, Any]) -> Picture | None:
@@ -187,8 +245,12 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     ax.set_xlabel("RMSE after the recording's own offset and gain (µm)")
     ax.legend(loc="lower right")
     figure.tight_layout()
-    return picture(figure, "Recordings that no fit has seen: error of the model as given and of the corrected one. A repair that is "
-                   "true brings the squares to the noise.", "errors before and after")  # fmt: skip
+    return picture(
+        figure,
+        "Recordings that no fit has seen: error of the model as given and of the corrected one. A repair that is "
+        "true brings the squares to the noise.",
+        "errors before and after",
+    )
 
 
 def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | None:
@@ -206,8 +268,11 @@ def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | 
     ax.legend(loc="upper right", ncols=2)
     figure.tight_layout()
     name = str(data["worst_name"])
-    return picture(figure, f"{name}, the held-out recording that the model as given missed most, before and after the repair.",
-                   "residuals before and after")  # fmt: skip
+    return picture(
+        figure,
+        f"{name}, the held-out recording that the model as given missed most, before and after the repair.",
+        "residuals before and after",
+    )
 
 
 def finite(value: float | None) -> bool:

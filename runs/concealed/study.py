@@ -2,8 +2,8 @@
 
     python runs/concealed/study.py --n 200 --seed 1000 --workers 2 --out study
 
-Every campaign's row is appended to OUT/rows.jsonl when it is done; an interrupted study goes on where it was. Seeds below
-1,000,000 teach (thresholds, the map of confidence); a score is only quoted from seeds that neither has seen.
+Every campaign's row is appended to OUT/rows.jsonl when it is done; an interrupted study goes on where it was. Seeds
+below 1,000,000 teach (thresholds, the map of confidence); a score is only quoted from seeds that neither has seen.
 """
 
 from __future__ import annotations
@@ -27,13 +27,28 @@ def campaign_of(case: Any) -> Any:
     from bayes_dea.bench.concealed import case_campaign
 
     g = case.plan.geometry
-    actuator = bd.Actuator(g.name, g.layers, g.layer_thickness_m, g.relative_permittivity, g.electrode_area_m2,
-                           g.total_area_m2, g.stack_height_m, g.layer_mass_kg, g.max_voltage_V, g.max_frequency_Hz)
-    recordings = [bd.recording_from_arrays(p.file, p.protocol.kind, columns, p.role, actuator, zeroed=p.zeroed)
-                  for p, columns in case_campaign(case)]
+    actuator = bd.Actuator(
+        g.name,
+        g.layers,
+        g.layer_thickness_m,
+        g.relative_permittivity,
+        g.electrode_area_m2,
+        g.total_area_m2,
+        g.stack_height_m,
+        g.layer_mass_kg,
+        g.max_voltage_V,
+        g.max_frequency_Hz,
+    )
+    recordings = [
+        bd.recording_from_arrays(p.file, p.protocol.kind, columns, p.role, actuator, zeroed=p.zeroed)
+        for p, columns in case_campaign(case)
+    ]
     sheets = case.plan.sensors
-    sensors = {name: bd.Sensor(s.fluctuation, s.accuracy, s.resolution)
-               for name in ("displacement", "force", "position") for s in [getattr(sheets, name)]}
+    sensors = {
+        name: bd.Sensor(s.fluctuation, s.accuracy, s.resolution)
+        for name in ("displacement", "force", "position")
+        for s in [getattr(sheets, name)]
+    }
     return bd.campaign_from_recordings(recordings, sensors, actuator, name=case.plan.name)
 
 
@@ -48,18 +63,31 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
     row: dict[str, Any] = {"seed": seed, "kind": kind}
     try:
         case = draw_case(seed, kind)
-        row |= {"truth": case.verdict, "concealed": case.truth, "effects": case.effects, "model": case.model,
-                "sizes": case.sizes if isinstance(case.sizes, (dict, list)) else str(case.sizes)}
+        row |= {
+            "truth": case.verdict,
+            "concealed": case.truth,
+            "effects": case.effects,
+            "model": case.model,
+            "sizes": case.sizes if isinstance(case.sizes, (dict, list)) else str(case.sizes),
+        }
         campaign = campaign_of(case)
         began = time.perf_counter()
         result = diagnose(campaign, case.model, seed=1)
         s = result.summary
-        row |= {"seconds": time.perf_counter() - began, "seconds_by": s["seconds_by"], "verdict": s["verdict"],
-                "confidence": s["confidence"], "raw": next(h["probability"] for h in s["hypotheses"] if h["name"] == s["verdict"]),
-                "set": s["indistinguishable"], "p_value": s["mismatch"]["p_value"],
-                "adequacy": s["adequacy_p_value"], "hypotheses": s["hypotheses"][:8], "proof": {k: s["proof"].get(k) for k in
-                ("rmse_before_m", "rmse_after_m", "noise_m", "elpd_gain")}, "noise": result.base.noise.sigma,
-                "mechanical": any(p.channel == "force" for p in result.base.problem.pieces)}
+        row |= {
+            "seconds": time.perf_counter() - began,
+            "seconds_by": s["seconds_by"],
+            "verdict": s["verdict"],
+            "confidence": s["confidence"],
+            "raw": next(h["probability"] for h in s["hypotheses"] if h["name"] == s["verdict"]),
+            "set": s["indistinguishable"],
+            "p_value": s["mismatch"]["p_value"],
+            "adequacy": s["adequacy_p_value"],
+            "hypotheses": s["hypotheses"][:8],
+            "proof": {k: s["proof"].get(k) for k in ("rmse_before_m", "rmse_after_m", "noise_m", "elpd_gain")},
+            "noise": result.base.noise.sigma,
+            "mechanical": any(p.channel == "force" for p in result.base.problem.pieces),
+        }
     except Exception as error:  # a campaign that fails is a finding: it is kept and counted
         row |= {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc(limit=-4)}
     return row
@@ -91,9 +119,14 @@ def main() -> None:
             with file.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(row, default=plain) + "\n")
             right = row.get("verdict") == row.get("truth")
-            print(f"{k}/{len(jobs)} {time.perf_counter() - began:.0f} s  {'right' if right else 'WRONG'}  seed {row['seed']} "
-                  f"truth {row.get('truth')} verdict {row.get('verdict')} {row.get('confidence', 0):.3f} set {row.get('set')} "
-                  f"{row.get('seconds', 0):.0f} s {row.get('error', '')[:200]}", flush=True)
+            print(
+                f"{k}/{len(jobs)} {time.perf_counter() - began:.0f} s  {'right' if right else 'WRONG'} "
+                f"seed {row['seed']} "
+                f"truth {row.get('truth')} verdict {row.get('verdict')} "
+                f"{row.get('confidence', 0):.3f} set {row.get('set')} "
+                f"{row.get('seconds', 0):.0f} s {row.get('error', '')[:200]}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
