@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from . import __version__
 from .assemble import Assembled, assemble
 from .campaign.schema import Campaign
+from .emulation import Emulation, emulate
 from .errors import InputError, NotConvergedWarning
 from .find_map import MapResult, MapSettings, find_map, laplace_covariance
 from .fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
 from .fit.evidence import bridge_log_evidence
+from .fit.reweigh import LARGEST_K, Weights, smoothed_weights, systematic
 from .likelihood.posterior import Posterior
+from .likelihood.remembering import forget
 from .models.chain import maxwell_form
 from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
@@ -32,11 +35,15 @@ Report = Callable[[str, float, float, str], None]
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for results."""
+    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for results.
+
+    simulated_draws: kept where every draw costs a simulation of each recording.
+    """
 
     walkers: int = 32
     ensembles: int = 2
     draws: int = 2000
+    simulated_draws: int = 1000
     predictive_draws: int = 200
     workers: int = 1
     map: MapSettings = MapSettings()
@@ -116,7 +123,21 @@ def calibrate(
         lambda *at: say("searching the MAP", *at),
     )
     clock.lap("map")
-    start = _walkers(found, posterior, s, r_start)
+    emulation: Emulation | None = None
+    if model.spec.effects:
+        say("emulating", 0, 1, "simulations around the maximum")
+        emulation = emulate(
+            posterior,
+            found,
+            assembled.search_groups,
+            r_start,
+            ensembles=s.ensembles,
+            report=lambda *at: say("emulating", *at),
+        )
+        posterior, target, start = emulation.exact, emulation.emulated, emulation.start
+        clock.lap("emulate")
+    else:
+        target, start = posterior, _walkers(found, posterior, s, r_start)
 
     def on_check(p: Progress) -> None:
         tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
@@ -129,12 +150,23 @@ def calibrate(
         python_warnings.simplefilter("ignore", NotConvergedWarning)
         python_warnings.simplefilter("ignore", RuntimeWarning)
         say("sampling", 0, 1, "")
-        sampling = _sample(posterior, start, s.sampler, r_sample, on_check, checkpoint)
+        sampling = _sample(target, start, s.sampler, r_sample, on_check, checkpoint, emulation)
     clock.lap("sample")
     say("evidence", 0, 1, "bridge sampling")
-    log_evidence, log_evidence_se, no_evidence = _evidence(posterior, sampling, r_evidence)
+    density = target.log_prob if emulation is None else emulation.log_prob
+    log_evidence, log_evidence_se, no_evidence = _evidence(density, sampling, r_evidence)
+    if emulation is not None:
+        sampling = replace(sampling, chains=emulation.shear.inverse(sampling.chains))
     clock.lap("evidence")
     draws = _thinned(sampling, s.draws)
+    weights: Weights | None = None
+    if emulation is not None:
+        draws = _thinned(sampling, min(s.draws, s.simulated_draws))
+        weights = _weights(posterior, target, draws.reshape(-1, draws.shape[-1]), say)
+        log_evidence += weights.log_mean
+        if weights.usable:
+            draws = _reweighted(draws, weights, r_predict)
+        clock.lap("reweigh")
     flat = draws.reshape(-1, draws.shape[-1])
     predictions = predict_all(
         assembled,
@@ -154,6 +186,7 @@ def calibrate(
     notes = [
         *assembled.warnings,
         *no_evidence,
+        *_emulator_notes(weights),
         *_notes(model, found, sampling, quantities, prior_quantities, predictions),
     ]
     if not sampling.converged:
@@ -178,6 +211,9 @@ def calibrate(
         notes,
         clock,
     )
+    if emulation is not None and weights is not None:
+        summary["emulator"] = _emulator_summary(emulation, weights)
+        forget(posterior)
     return Calibration(
         model,
         campaign,
@@ -192,6 +228,47 @@ def calibrate(
         prior_predictive,
         summary,
     )
+
+
+def _weights(exact: Posterior, emulated: Posterior, flat: NDArray, say: Report) -> Weights:
+    """Importance weights of draws (n, d) of the emulated posterior for the exact one, simulated in portions."""
+    values: list[NDArray] = []
+    for part in np.array_split(flat, max(1, len(flat) // 50)):
+        say("simulating the draws", 50 * len(values), len(flat), "")
+        values.append(exact.log_prob(part))
+    return smoothed_weights(np.concatenate(values) - emulated.log_prob(flat))
+
+
+def _reweighted(draws: NDArray, weights: Weights, rng: np.random.Generator) -> NDArray:
+    """Draws (e, n, d) of the exact posterior from those of the emulated one, in their order."""
+    e, n, d = draws.shape
+    return draws.reshape(-1, d)[systematic(weights.weights, e * n, rng)].reshape(e, n, d)
+
+
+def _emulator_notes(weights: Weights | None) -> list[str]:
+    if weights is None or weights.usable:
+        return []
+    return [
+        f"The emulator of the simulation misses the exact log density by {weights.sd:.2g} nats (sd over the draws; "
+        f"Pareto k {weights.pareto_k:.2f}, {LARGEST_K} is allowed): the draws could not be corrected, means and "
+        "intervals are those of the emulator. Fix a parameter that the recordings say nothing about, or take the "
+        "effect out of the model."
+    ]
+
+
+def _emulator_summary(emulation: Emulation, weights: Weights) -> dict[str, Any]:
+    def number(x: float) -> float | None:
+        return float(x) if np.isfinite(x) else None
+
+    return {
+        "error_nats_sd": number(weights.sd),
+        "pareto_k": number(weights.pareto_k),
+        "effective_share": weights.effective / len(weights.weights),
+        "corrected": weights.usable,
+        "simulations": emulation.simulations,
+        "order": emulation.order,
+        "rounds": emulation.rounds,
+    }
 
 
 def _effect_starts(
@@ -209,20 +286,22 @@ def _sample(
     rng: np.random.Generator,
     report: Callable[[Progress], None],
     checkpoint: Path | None,
+    emulation: Emulation | None = None,
 ) -> EnsembleResult:
     """The ensembles, from the checkpoint where there is one that fits, from `start` otherwise."""
 
     def run(resume_from: Path | None) -> EnsembleResult:
         return sample(
-            posterior.log_prob,
+            posterior.log_prob if emulation is None else emulation.log_prob,
             start,
             settings,
             rng,
             names=posterior.names,
             report=report,
-            derived=lambda q: _to_converge(posterior, q),
+            derived=lambda y: _to_converge(posterior, y if emulation is None else emulation.shear.inverse(y)),
             checkpoint=checkpoint,
             resume_from=resume_from,
+            proposal=None if emulation is None else emulation.proposal,
         )
 
     if checkpoint is not None and checkpoint.exists():
@@ -248,11 +327,11 @@ def _gain_name(posterior: Posterior, channel: str, specimen: str) -> str:
 
 
 def _evidence(
-    posterior: Posterior, sampling: EnsembleResult, rng: np.random.Generator
+    log_prob: Callable[[NDArray], NDArray], sampling: EnsembleResult, rng: np.random.Generator
 ) -> tuple[float, float, list[str]]:
     """Log evidence and its standard error; where the draws do not carry one, NaN and a text that says so."""
     try:
-        return *bridge_log_evidence(posterior.log_prob, sampling.chains, rng), []
+        return *bridge_log_evidence(log_prob, sampling.chains, rng), []
     except InputError as error:
         return (
             float("nan"),

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from bayes_dea.errors import BayesDEAError, InputError, NotConvergedWarning
 from bayes_dea.fit.diagnostics import ess, integrated_time, rank_rhat
+from bayes_dea.fit.mixture import Mixture
 from bayes_dea.results import write_bytes
 
 Array = NDArray[np.float64]
@@ -130,6 +131,7 @@ def sample(
     derived: Derived | None = None,
     checkpoint: Path | None = None,
     resume_from: Path | None = None,
+    proposal: Mixture | None = None,
 ) -> EnsembleResult:
     """Sample a density with two or more ensembles until the stopping rule is met or a limit is reached.
 
@@ -139,7 +141,8 @@ def sample(
     rng: seeds the ensembles; needed unless resuming. checkpoint: file rewritten atomically every
     `checkpoint_seconds`, at the end, and when an exception passes (an interruption loses nothing that was
     done). resume_from: such a file; the run goes on to the same numbers as
-    if it had never stopped, provided density, start and settings other than limits are the same.
+    if it had never stopped, provided density, start, proposal and settings other than limits are the same.
+    proposal: near the density; half of the moves then are draws of it, accepted by Metropolis-Hastings.
     Raises InputError for a wrong start (shape, walkers outside the support or in a subspace) and for
     a checkpoint that belongs to another run. Warns NotConvergedWarning when a limit ended the run.
     """
@@ -160,7 +163,7 @@ def sample(
             raise InputError("sampler: rng is needed to start; pass numpy.random.default_rng(seed)")
         store = _Store.new(start, _initial(density, start), rng)
     checks = _check_steps(s)
-    samplers = [_emcee(density, w, d, s) for _ in range(e)]
+    samplers = [_emcee(density, w, d, s, proposal) for _ in range(e)]
     began = last_saved = time.monotonic()
     verdict = _Verdict.nothing(d, e)
     reason = ""
@@ -273,7 +276,7 @@ def _initial(density: _Density, start: Array) -> Array:
     return values
 
 
-def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings) -> Any:
+def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings, proposal: Mixture | None) -> Any:
     import emcee
 
     moves = [
@@ -281,6 +284,14 @@ def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings) -> Any:
         (emcee.moves.DEMove(sigma=s.de_sigma, gamma0=1.0), s.jump_weight),
         (emcee.moves.StretchMove(), s.stretch_weight),
     ]
+    if proposal is not None:
+        total = sum(weight for _, weight in moves)
+
+        def independent(x: Array, random: Any) -> tuple[Array, Array]:
+            new = proposal.draw(len(x), random)
+            return new, proposal.log_density(x) - proposal.log_density(new)
+
+        moves.append((emcee.moves.MHMove(independent), total))
     sampler = emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
     # emcee's wrapper prints the points and a traceback for whatever passes through, also for a Ctrl-C
     sampler.log_prob_fn = density

@@ -14,7 +14,7 @@ FILE = "confidence.toml"
 
 @cache
 def _map() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    path = prior_folder() / FILE
+    path = prior_folder() / "diagnosis" / FILE
     if not path.is_file():
         return (0.0, 1.0), (0.0, 1.0)
     with path.open("rb") as file:

@@ -1,7 +1,7 @@
 """Which physics was left out: probabilities over every hypothesis, "none" and "unknown" among them.
 
 Single effects first; where the best of them is not adequate, a second one (and a third) beside it. "unknown" is a
-smooth discrepancy beside the best named explanation. Prior odds stand in priors/hypotheses.toml.
+smooth discrepancy beside the best named explanation. Prior odds stand in priors/diagnosis/hypotheses.toml.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
 from .slow_start import slow_start
-from .weigh import Frame, Screened, Weighed, refine, screen
+from .weigh import Frame, Screened, Weighed, escape, refine, screen
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -35,6 +35,8 @@ NONE, UNKNOWN, MAINS = "none", "unknown", "mains_pickup"
 ADEQUATE = 1e-3
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
 _REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
+#: how many of the leading ones are searched around
+_ESCAPES = 4
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Naming:
 
 def prior_odds() -> dict[str, float]:
     """Prior odds of the kinds of hypotheses: none, unknown, one effect, two effects (shares of one)."""
-    with (prior_folder() / "hypotheses.toml").open("rb") as file:
+    with (prior_folder() / "diagnosis" / "hypotheses.toml").open("rb") as file:
         table = tomllib.load(file)
     return {k: float(v) for k, v in table["prior_odds"].items()}
 
@@ -230,16 +232,24 @@ def _refined(base: Fit, screened: list[Screened], prior: NoisePrior, say: Report
     less than what a refit has reached.
     """
     out: dict[str, Weighed] = {}
+    by_name = {"+".join(s.effects): s for s in screened}
     reached = 0.0
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
-        say("refitting", k, len(screened), "+".join(s.effects))
+        name = "+".join(s.effects)
+        say("refitting", k, len(screened), name)
         promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
         w = refine(base, s, prior, starts) if promising else None
         if w is not None:
             reached = max(reached, base.objective - w.fit.objective)
-        out["+".join(s.effects)] = w or Weighed(
-            s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0
-        )
+        out[name] = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
+    settled: set[str] = set()
+    for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
+        leading = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)[:2]
+        waiting = [n for n in leading if n not in settled]
+        if not waiting:
+            break
+        out[waiting[0]] = escape(base, by_name[waiting[0]], out[waiting[0]], prior)
+        settled.add(waiting[0])
     return out
 
 

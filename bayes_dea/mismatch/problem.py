@@ -76,6 +76,15 @@ def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
 
 
 @dataclass(frozen=True)
+class Kept:
+    """Sensitivities known from another fit: rows `others` of the Jacobian are `slopes`; `own` are to be worked out."""
+
+    own: tuple[int, ...]
+    others: NDArray[np.int64]
+    slopes: list[Array]  # by piece (others, nb)
+
+
+@dataclass(frozen=True)
 class Problem:
     """A model on pieces, with the priors of what stands beside it."""
 
@@ -203,13 +212,22 @@ class Problem:
                     out[i][j] = (x - base[i]) / step
         return out
 
-    def gram(self, q: Array, noise: Noise, with_jacobian: bool = True) -> tuple[Array, float, list[Array], list[Array]]:
+    def gram(
+        self, q: Array, noise: Noise, with_jacobian: bool = True, kept: Kept | None = None
+    ) -> tuple[Array, float, list[Array], list[Array]]:
         """Gram of [residual, d residual / d q (sign reversed)] over all pieces, a discrepancy integrated out.
 
+        kept: sensitivities that are taken over from elsewhere instead of worked out.
         Returns (Gram (1 + d, 1 + d), log det of the covariance, predictions, Jacobians of `clean`).
         """
         clean = self.clean(q)
-        slopes = self.jacobian(q, clean) if with_jacobian else []
+        slopes: list[Array] = []
+        if with_jacobian and kept is None:
+            slopes = self.jacobian(q, clean)
+        elif with_jacobian and kept is not None:
+            slopes = self.jacobian(q, clean, kept.own)
+            for own, known in zip(slopes, kept.slopes, strict=True):
+                own[kept.others] = known
         total, logdet = self.sums(q, noise, clean, slopes)
         return total, logdet, clean, slopes
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from .noise_prior import NoisePrior
-from .problem import Noise, Problem
+from .problem import Kept, Noise, Problem
 
 Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
@@ -104,50 +104,31 @@ def refit(
     max_steps: int = 25,
     tolerance: float = 1e-3,
     fit_noise: bool = True,
+    kept: Kept | None = None,
 ) -> Fit | None:
     """Levenberg-Marquardt from q0; the noise is fitted in between. None where the model has no answer at q0."""
     low, high = bounds(problem)
     margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
-    q = np.clip(q0, low + margin, high - margin)
-    gram, logdet, clean, slopes = problem.gram(q, noise)
-    if not np.isfinite(gram).all():
-        return None  # no answer there
-    damping, taken = 1e-6, 0
-    base, gradient, curvature = prior_derivatives(problem, q)
-    if not np.isfinite(base):
+    low, high = low + margin, high - margin
+    q = np.clip(q0, low, high)
+    taken = 0
+    if kept is not None:
+        # on the way the base's sensitivities hardly change; at the end all are worked out
+        approached = descend(problem, q, noise, low, high, max_steps, 0.05, kept)
+        if approached is None:
+            return None
+        q, taken = approached.q, approached.steps
+    ended = descend(problem, q, noise, low, high, max_steps, tolerance, None)
+    if ended is None:
         return None
-    for _ in range(max_steps):
-        value = base + 0.5 * gram[0, 0]
-        g = gradient - gram[0, 1:]
-        H = gram[1:, 1:] + curvature
-        improved = False
-        for _attempt in range(8):
-            step = _bounded_step(H, g, damping, q, low + margin, high - margin)
-            expected = -(g @ step + 0.5 * step @ H @ step)
-            if expected < tolerance:
-                break
-            new_q = q + step
-            p = -float(problem.log_prior(new_q)[0])
-            if np.isfinite(p):
-                # the Jacobian is worked out only where the step is taken
-                trial, _, _, _ = problem.gram(new_q, noise, with_jacobian=False)
-                if np.isfinite(trial).all() and p + 0.5 * trial[0, 0] < value:
-                    improved = True
-                    break
-            damping = max(10.0 * damping, 1e-4)
-        if not improved:
-            break
-        gain = value - (p + 0.5 * trial[0, 0])
-        q, damping, taken = new_q, 0.1 * damping, taken + 1
-        gram, logdet, clean, slopes = problem.gram(q, noise)
-        base, gradient, curvature = prior_derivatives(problem, q)
-        if gain < 3 * tolerance:
-            break
+    q, taken = ended.q, taken + ended.steps
+    gram, logdet, clean, slopes = ended.gram, ended.logdet, ended.clean, ended.slopes
+    base, gradient, curvature = ended.prior
     if fit_noise:
         noise = fit_noise_terms(problem, q, clean, noise, prior)
         gram, logdet = problem.sums(q, noise, clean, slopes)
         H = gram[1:, 1:] + curvature
-        step = _bounded_step(H, gradient - gram[0, 1:], 0.0, q, low + margin, high - margin)
+        step = _bounded_step(H, gradient - gram[0, 1:], 0.0, q, low, high)
         if np.isfinite(problem.log_prior(q + step)[0]):
             new = problem.gram(q + step, noise, with_jacobian=False)[0]
             p = -float(problem.log_prior(q + step)[0])
@@ -162,11 +143,66 @@ def refit(
     evidence = -objective + 0.5 * q.size * math.log(2 * math.pi) - 0.5 * logdet_h if sign > 0 else -math.inf
     names = problem.names
     touching = tuple(
-        names[i]
-        for i in range(q.size)
-        if min(q[i] - low[i], high[i] - q[i]) <= 2 * margin[i] + 1e-12 and np.isfinite(margin[i]) and margin[i] > 0
+        names[i] for i in range(q.size) if margin[i] > 0 and min(q[i] - low[i], high[i] - q[i]) <= margin[i] + 1e-12
     )
     return Fit(problem, q, noise, objective, H, float(evidence), touching, taken, clean, slopes)
+
+
+@dataclass(frozen=True)
+class End:
+    """Where a descent ended; value: minus log posterior without log det terms."""
+
+    q: Array
+    value: float
+    steps: int
+    gram: Array
+    logdet: float
+    clean: list[Array]
+    slopes: list[Array]
+    prior: tuple[float, Array, Array]
+
+
+def descend(
+    problem: Problem,
+    q: Array,
+    noise: Noise,
+    low: Array,
+    high: Array,
+    max_steps: int,
+    tolerance: float,
+    kept: Kept | None,
+) -> End | None:
+    """Levenberg-Marquardt at fixed noise. None where the model has no answer at q."""
+    gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
+    prior = prior_derivatives(problem, q)
+    if not np.isfinite(gram).all() or not np.isfinite(prior[0]):
+        return None
+    damping, taken = 1e-6, 0
+    for _ in range(max_steps):
+        value = prior[0] + 0.5 * gram[0, 0]
+        g = prior[1] - gram[0, 1:]
+        H = gram[1:, 1:] + prior[2]
+        new: tuple[Array, float] | None = None
+        for _attempt in range(8):
+            step = _bounded_step(H, g, damping, q, low, high)
+            if -(g @ step + 0.5 * step @ H @ step) < tolerance:
+                break
+            p = -float(problem.log_prior(q + step)[0])
+            if np.isfinite(p):
+                # the Jacobian is worked out only where the step is taken
+                trial = problem.gram(q + step, noise, with_jacobian=False)[0]
+                if np.isfinite(trial).all() and p + 0.5 * trial[0, 0] < value:
+                    new = q + step, p + 0.5 * float(trial[0, 0])
+                    break
+            damping = max(10.0 * damping, 1e-4)
+        if new is None:
+            break
+        q, damping, taken = new[0], 0.1 * damping, taken + 1
+        gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
+        prior = prior_derivatives(problem, q)
+        if value - new[1] < 3 * tolerance:
+            break
+    return End(q, prior[0] + 0.5 * float(gram[0, 0]), taken, gram, logdet, clean, slopes, prior)
 
 
 def _bounded_step(H: Array, g: Array, damping: float, q: Array, low: Array, high: Array) -> Array:

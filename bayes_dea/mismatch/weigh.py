@@ -19,8 +19,8 @@ from scipy.special import logsumexp
 
 from ..models.model import Model
 from .noise_prior import NoisePrior
-from .problem import Whitened, whiten
-from .refit import Fit, bounds, prior_derivatives, refit
+from .problem import Kept, Whitened, whiten
+from .refit import Fit, bounds, descend, prior_derivatives, refit
 
 Array = NDArray[np.float64]
 
@@ -194,28 +194,49 @@ def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) ->
     """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide."""
     model = screened.model
     problem = base.problem.with_model(model)
-    best: Fit | None = None
+    low, high = bounds(problem)
+    low, high = low + 1e-9, high - 1e-9
+    ends: list[tuple[float, Array, Kept]] = []
     for point in _starting_points(screened, starts):
+        kept = _kept(point.frame.fit, model)
         for shift in (point.move, None):
-            found = refit(problem, insert(point.frame.fit, model, point.own, shift), prior.start(), prior)
-            if found is not None:
+            start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
+            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept)
+            if end is not None:
+                ends.append((end.value, end.q, kept))
                 break
-        if found is not None and (best is None or found.objective < best.objective):
-            best = found
-    if best is None:
-        return None
-    best = _escape(best, own_index(base, model), prior)
-    evidence, se = _evidence(base, screened, best)
-    return Weighed(screened.effects, best, evidence, se, effect_size(base, best))
+    for _, q, kept in sorted(ends, key=lambda e: e[0]):
+        fit = refit(problem, q, prior.start(), prior, kept=kept)
+        if fit is not None:
+            return weighed(base, screened, fit)
+    return None
 
 
-def _escape(fit: Fit, index: NDArray[np.int64], prior: NoisePrior) -> Fit:
+def weighed(base: Fit, screened: Screened, fit: Fit) -> Weighed:
+    """A refit with its evidence and its size."""
+    evidence, se = _evidence(base, screened, fit)
+    return Weighed(screened.effects, fit, evidence, se, effect_size(base, fit))
+
+
+def _kept(fit: Fit, model: Model) -> Kept:
+    """The base's sensitivities, where another model has its coordinates; those of its effects are to be worked out."""
+    own = own_index(fit, model)
+    names = model.priors.names
+    before = fit.problem.model
+    zeros = np.arange(fit.problem.zero_mean.size)
+    others = np.concatenate([[names.index(n) for n in before.priors.names], model.dimension + zeros]).astype(np.int64)
+    return Kept(tuple(int(i) for i in own), others, fit.slopes)
+
+
+def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> Weighed:
     """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step."""
+    fit = found.fit
+    index = own_index(base, fit.problem.model)
     widths = fit.problem.model.priors.scales()
+    low, high = bounds(fit.problem)
     for _ in range(3):
         frame = Frame(fit)
         here = frame.value(fit.clean)[0]
-        low, high = bounds(fit.problem)
         best: tuple[float, Array] | None = None
         for i in index:
             for share in _LOOKS:
@@ -231,12 +252,12 @@ def _escape(fit: Fit, index: NDArray[np.int64], prior: NoisePrior) -> Fit:
                 if value - own_prior < here - 2.0 and (best is None or value - own_prior < best[0]):
                     best = (value - own_prior, q + move)
         if best is None:
-            return fit
+            break
         again = refit(fit.problem, best[1], fit.noise, prior)
         if again is None or again.objective > fit.objective - 0.5:
-            return fit
+            break
         fit = again
-    return fit
+    return found if fit is found.fit else weighed(base, screened, fit)
 
 
 def _starting_points(screened: Screened, starts: int) -> list[Scored]:

@@ -13,8 +13,8 @@ its end, by Newton's method. What has a memory of its own is integrated with exp
 A step is cut where branches relax so much within it that the course of their creep is no straight line.
 
 Equations: force balance and circuit as in the reference paper (Eqs. 1-6, Table SII) with the effects of the
-catalogue of missing physics; friction after Iwan (10.1115/1.3607751) in its continuous limit by Masing's rules
-(10.1007/978-3-662-52717-0, reversal points as in 10.1061/(ASCE)EM), softening after Ogden and Roxburgh
+catalogue of missing physics; friction after Iwan (10.1115/1.3607751), worked out by Masing's rules (1926) from the
+points of reversal instead of element by element, which is the same; softening after Ogden and Roxburgh
 (10.1098/rspa.1999.0431).
 
 Numba keeps compiled code by the date of this file alone: after an edit of `static.py` touch this one.
@@ -73,6 +73,7 @@ _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is i
 _SMALL = 3e-4  # a longer step (strain) is no smooth motion
 _CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
 _COURSE_TOLERANCE = 1e-7  # the same for the course of a mass or a damper, which adds up
+_SHORTEST = 5e-4  # part of a step from node to node below which no accuracy is sought any more
 _MAX_ITERATIONS = 60
 
 
@@ -442,7 +443,8 @@ def run(w, law_p, h, u0, u1, out):
                     D = math.copysign(0.1, D)
                 if not -5.0 < e + D < 0.95:
                     break
-            if moving and step > 1e-5 * whole:
+            grow = 2.0
+            if moving and step > (_SHORTEST if good else 1e-6) * whole:
                 # along the step the law was its chord, and the branches saw its mean course
                 bend = 2.0 * abs(K + t1 + tf1 - se * dph1 - G) * (abs(D) + abs(J)) + B * abs(J)
                 if mass > 0.0 and vel * vel1 < 0.0 and (sy > 0.0 or share > 0.0):
@@ -458,6 +460,8 @@ def run(w, law_p, h, u0, u1, out):
                 if not good or 0.1 * bend > _COURSE_TOLERANCE * (t1 + K):
                     step *= 0.5
                     continue
+                if 0.3 * bend > _COURSE_TOLERANCE * (t1 + K):
+                    grow = 1.0
             if not good or math.isnan(D):
                 e = math.nan
                 break
@@ -489,7 +493,7 @@ def run(w, law_p, h, u0, u1, out):
             done += step
             if done >= whole * (1.0 - 1e-12):
                 break
-            step = min(2.0 * step, whole - done)
+            step = min(grow * step, whole - done)
         out[i] = e
         if math.isnan(e):
             out[i:] = math.nan

@@ -51,8 +51,8 @@ def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool) -> NDArray[n
         at = np.empty(h.size, dtype=np.int64)
         nothing = np.empty(0)
         lines = np.empty((3, supply(h, volts, linear, *limits, nothing, nothing, nothing, at)))
-        supply(h, volts, linear, *limits, *lines, at)
-        h, u0, u1 = lines
+        supply(h, volts, linear, *limits, lines[0], lines[1], lines[2], at)
+        h, u0, u1 = lines[0], lines[1], lines[2]
     out = np.empty(h.size)
     if not plant.is_linear and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)

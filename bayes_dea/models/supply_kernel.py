@@ -7,6 +7,9 @@ import math
 import numpy as np
 from numba import njit
 
+#: a ramp is cut into lines of at most so many volts, because the stress along it is the square
+_RAMP_V = 100.0
+
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 
@@ -46,36 +49,33 @@ def supply(h, volts, linear, dead, top, slew, tau_fall, H, u0, u1, last):
         else:
             # a straight command is taken as held at its middle
             aim, left = 0.5 * (start + goal), h[i]
+            least = 1e-7 * h[i]  # what is shorter than this happens at once
             while True:
                 gap = aim - v
                 falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
-                if falling and abs(gap) <= slew * tau_fall:
+                rest = abs(gap) - slew * tau_fall if falling else abs(gap)
+                if rest > slew * least:
+                    # as fast as the current lets it
+                    time = rest / slew
+                    step = min(left, time, _RAMP_V / slew)
+                    change = math.copysign(rest if step == time else slew * step, gap)
+                    end, mean = v + change, v + 0.5 * change
+                elif falling:
                     step = left
-                    if abs(gap) * (left / tau_fall) ** 2 > 8.0:
+                    if abs(gap) > 0.3 and abs(gap) * (left / tau_fall) ** 2 > 8.0:
                         # a straight line would miss the course by more than a volt
-                        step = min(left, 0.25 * tau_fall) if abs(gap) > 0.3 else left
+                        step = min(left, 0.25 * tau_fall)
                     z = step / tau_fall
                     end = aim - gap * math.exp(-z)
                     mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
                 else:
-                    limit = gap if not falling else gap - math.copysign(slew * tau_fall, gap)
-                    step = min(left, abs(limit) / slew)
-                    end = v + math.copysign(slew * step, gap)
-                    mean = 0.5 * (v + end)
-                    if slew >= 1e15 or abs(limit) / slew < 1e-12:
-                        # at once: what follows is flat, or a fall
-                        end, step = v + limit, 0.0
-                    if not falling and step < left and left - step < 1e-9 * left:
-                        step = left
-                    if not falling and step == 0.0:
-                        step, end, mean = left, aim, aim
-                if step > 0.0 or left == 0.0:
-                    if write:
-                        H[count], u0[count], u1[count] = step, 2.0 * mean - end, end
-                    count += 1
+                    step, end, mean = left, aim, aim
+                if write:
+                    H[count], u0[count], u1[count] = step, 2.0 * mean - end, end
+                count += 1
                 v = end
                 left -= step
-                if left <= 1e-9 * h[i]:
+                if left <= least:
                     break
         if write:
             last[i] = count - 1

@@ -432,3 +432,13 @@ def test_what_went_before_is_remembered():
     assert np.abs(found[1:] - expected[1:]).max() < 0.2 * UM
     assert np.abs(simulate(m, values, second)[1:] - expected[1:]).max() > 2 * UM
     assert past_nodes([], second) is None
+
+
+def test_a_slow_supply_that_falls_by_both_limits_comes_to_an_end():
+    """Where the limits meet within a row by a rounding, the march must go on (once it did not)."""
+    m = build_model("hooke+supply_current_limit+one_quadrant_supply")
+    values = {"Y_Pa": 1.2e6, "slew_V_per_s": 6061.98455722866, "tau_fall_s": 0.0009514619854059012}
+    found = simulate(m, values, long_recording())
+    assert np.all(np.isfinite(found))
+    volts = np.sqrt(found * 1.2e6 / (STROKE * FACTOR))
+    assert np.abs(np.diff(volts)).max() <= 6.062 + 1e-6
