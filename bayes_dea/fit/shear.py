@@ -6,11 +6,13 @@ polynomials fit; where they fit, moves that suit a normal density suit the poste
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -31,30 +33,58 @@ class Shear:
     middle: Array
     mean: Array
     sd: Array
-    coefficients: tuple[Array, ...] = field(repr=False)
+    coefficients: Array = field(repr=False)  # (d, longest), zeros behind
 
     def forward(self, z: Array) -> Array:
         """Straightened coordinates (..., d) of z (..., d)."""
-        flat = z.reshape(-1, z.shape[-1])
-        y = flat.copy()
-        t = self._variables(flat)
-        for k in range(1, len(self.order)):
-            y[:, self.order[k]] -= _monomials(t[:, self.order[:k]]) @ self.coefficients[k]
-        return y.reshape(z.shape)
+        return self._shifted(z, -1.0)
 
     def inverse(self, y: Array) -> Array:
         """Coordinates (..., d) of straightened ones."""
-        flat = y.reshape(-1, y.shape[-1]).copy()
-        t = np.empty_like(flat)
-        for k, i in enumerate(self.order):
-            if k:
-                flat[:, i] += _monomials(t[:, self.order[:k]]) @ self.coefficients[k]
-            t[:, i] = self._variables(flat, i)
-        return flat.reshape(y.shape)
+        return self._shifted(y, 1.0)
 
-    def _variables(self, z: Array, i: int | slice = slice(None)) -> Array:
-        x = (_powered(z[:, i], self.powers[i], self.middle[i]) - self.mean[i]) / self.sd[i]
-        return np.asarray(np.clip(x, -_LARGEST, _LARGEST))
+    def _shifted(self, x: Array, sign: float) -> Array:
+        out = np.ascontiguousarray(x.reshape(-1, x.shape[-1])).copy()
+        _shift(out, sign, self.order, self.powers, self.middle, self.mean, self.sd, self.coefficients)
+        return out.reshape(x.shape)
+
+
+@njit(cache=True)
+def _shift(x, sign, order, powers, middle, mean, sd, coefficients):
+    """Subtract (sign -1) or add (+1) each coordinate's polynomial; x (n, d) in place."""
+    n, d = x.shape
+    t = np.empty(d)
+    for b in range(n):
+        for k in range(d):
+            i = order[k]
+            c = coefficients[k]
+            bend = 0.0
+            at = 0
+            for e in range(k):
+                bend += c[at] * t[e]
+                at += 1
+            for e in range(k):
+                for f in range(e, k):
+                    bend += c[at] * t[e] * t[f]
+                    at += 1
+            first = min(k, 2)
+            for e in range(first):
+                for f in range(e, first):
+                    for g in range(f, first):
+                        bend += c[at] * t[e] * t[f] * t[g]
+                        at += 1
+            for e in range(first):
+                for f in range(e, first):
+                    for g in range(f, first):
+                        for h in range(g, first):
+                            bend += c[at] * t[e] * t[f] * t[g] * t[h]
+                            at += 1
+            z = x[b, i] + bend if sign > 0 else x[b, i]
+            u = z - middle[i]
+            if powers[i] != 0.0:
+                u = math.exp(min(max(powers[i] * u, -50.0), 50.0))
+            t[k] = min(max((u - mean[i]) / sd[i], -_LARGEST), _LARGEST)
+            x[b, i] = z if sign > 0 else z - bend
 
 
 def _powered(z: Array, power: Array, middle: Array) -> Array:
@@ -88,11 +118,12 @@ def fit_shear(draws: Array, powers: Array) -> Shear:
     x = _powered(draws, powers, middle)
     mean, sd = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-300)
     t = np.clip((x - mean) / sd, -_LARGEST, _LARGEST)
-    coefficients = [np.empty(0)]
-    for k in range(1, len(order)):
+    d = len(order)
+    coefficients = np.zeros((d, _monomials(np.zeros((1, d))).shape[1]))
+    for k in range(1, d):
         A = _monomials(t[:, order[:k]])
         A = A - A.mean(axis=0)
         H = A.T @ A + 1e-3 * len(draws) * np.diag(A.var(axis=0) + 1e-12)
         b = draws[:, order[k]] - draws[:, order[k]].mean()
-        coefficients.append(np.linalg.solve(H, A.T @ b))
-    return Shear(order, powers, middle, mean, sd, tuple(coefficients))
+        coefficients[k, : A.shape[1]] = np.linalg.solve(H, A.T @ b)
+    return Shear(order, powers, middle, mean, sd, coefficients)

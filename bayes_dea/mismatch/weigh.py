@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: points a parameter of the grid over prior quantiles, by the number of parameters
-_POINTS = {0: (), 1: (16,), 2: (8, 5), 3: (6, 4, 3), 4: (5, 3, 3, 2)}
+_POINTS = {0: (), 1: (13,), 2: (7, 4), 3: (5, 3, 2), 4: (4, 3, 2, 2)}
 
 
 @dataclass(frozen=True)

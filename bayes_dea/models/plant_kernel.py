@@ -74,6 +74,8 @@ _SMALL = 3e-4  # a longer step (strain) is no smooth motion
 _CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
 _COURSE_TOLERANCE = 1e-7  # the same for the course of a mass or a damper, which adds up
 _SHORTEST = 5e-4  # part of a step from node to node below which no accuracy is sought any more
+#: steps tried on average for each one asked for; beyond, there is no answer
+_TRIES_A_STEP = 30
 _MAX_ITERATIONS = 60
 
 
@@ -349,6 +351,7 @@ def run(w, law_p, h, u0, u1, out):
     known, B, KP = w[X_H], w[X_LOSS], w[X_LAG]
     rl = w[P_RL]
     D1, D2, step1 = 0.0, 0.0, -1.0
+    spent, budget = 0, _TRIES_A_STEP * h.size + 20_000
     for i in range(h.size):
         whole, done = h[i], 0.0
         step, rise = whole, 0.0
@@ -359,6 +362,10 @@ def run(w, law_p, h, u0, u1, out):
             out[i] = e
             continue
         while True:
+            spent += 1
+            if spent > budget:  # a chain too stiff to be worth following
+                e = math.nan
+                break
             if step != known:
                 _fill_table(w, step)
                 known, B, KP = step, w[X_LOSS], w[X_LAG]
