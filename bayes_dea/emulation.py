@@ -207,12 +207,21 @@ def _run_pilot(
             run = sample(density, shear.forward(start), quick, rng, names=emulated.names, proposal=proposal)
         start = shear.inverse(run.chains[:, -1])
         late = shear.inverse(run.chains[:, run.chains.shape[1] // 3 :]).reshape(-1, d)
-        kept[temperature] = late[np.linspace(0, len(late) - 1, min(8000, len(late))).astype(int)]
+        kept[temperature] = late[np.linspace(0, len(late) - 1, min(5000, len(late))).astype(int)]
         shear = fit_shear(np.concatenate(list(kept.values())), powers)
         with contextlib.suppress(InputError):
-            fits = [fit_mixture(shear.forward(x), rng) for x in kept.values()]
-            proposal = _joined(fits, np.array([0.7, 0.3]))
+            straight = [shear.forward(x) for x in kept.values()]
+            fits = [fit_mixture(y, rng, (1, 4, 8, 16)) for y in straight]
+            fits += [_normal(straight[1], wide) for wide in (1.3, 2.0)]
+            proposal = _joined(fits, np.array([0.5, 0.34, 0.08, 0.08]))
     return _Pilot(start, kept[1.0], kept[2.0], shear, proposal)
+
+
+def _normal(y: Array, wide: float) -> Mixture:
+    """One normal density as wide as draws (n, d), times `wide`."""
+    covariance = np.cov(y.T)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
+    return Mixture(np.ones(1), y.mean(axis=0)[None], np.asarray(wide * root[None], float))
 
 
 def _joined(parts: Sequence[Mixture], weights: Array) -> Mixture:

@@ -142,7 +142,7 @@ def sample(
     `checkpoint_seconds`, at the end, and when an exception passes (an interruption loses nothing that was
     done). resume_from: such a file; the run goes on to the same numbers as
     if it had never stopped, provided density, start, proposal and settings other than limits are the same.
-    proposal: near the density; half of the moves then are draws of it, accepted by Metropolis-Hastings.
+    proposal: near the density; many of the moves then are draws of it, accepted by Metropolis-Hastings.
     Raises InputError for a wrong start (shape, walkers outside the support or in a subspace) and for
     a checkpoint that belongs to another run. Warns NotConvergedWarning when a limit ended the run.
     """
@@ -292,6 +292,9 @@ def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings, proposal: Mix
             return new, proposal.log_density(x) - proposal.log_density(new)
 
         moves.append((emcee.moves.MHMove(independent), total))
+        # where the tails are thinner than the bulk, only steps much shorter than the bulk's lead out of them
+        short = 0.2 * 2.38 / np.sqrt(2.0 * d)
+        moves.append((emcee.moves.DEMove(sigma=s.de_sigma, gamma0=short), 0.7 * total))
     sampler = emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
     # emcee's wrapper prints the points and a traceback for whatever passes through, also for a Ctrl-C
     sampler.log_prob_fn = density

@@ -72,6 +72,8 @@ def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
             points.append(p)
     f = -problem.log_prior(np.array(points))
     base = f[0]
+    if not np.isfinite(base):  # outside the prior
+        return float(base), np.zeros(d), np.zeros((d, d))
     f = np.where(np.isfinite(f), f, base)  # beyond a bound: flat, bounds are kept by the step itself
     up, down = f[1 : 2 * d + 1 : 2], f[2 : 2 * d + 2 : 2]
     gradient = (up - down) / (2 * scale)

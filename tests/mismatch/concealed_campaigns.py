@@ -1,0 +1,34 @@
+"""Small campaigns of the virtual bench with something concealed in them."""
+
+import bayes_dea as bd
+from bayes_dea.bench.nuisance import ChannelFaults, Faults
+from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
+from bayes_dea.bench.protocols import Creep, Wave
+from bayes_dea.bench.simulate import simulate
+
+ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6)}
+
+
+def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0):
+    """Two creeps and five waves of the bench; effects: name to parameters, as `CampaignPlan.effects`."""
+    role = "validate" if validate else "identify"
+    plans = [
+        RecordingPlan("creep_1200V.csv", Creep(1200.0, 40.0, 1, 5.0, 5.0), "identify"),
+        RecordingPlan("creep_600V.csv", Creep(600.0, 40.0, 1, 5.0, 5.0), "identify"),
+        RecordingPlan("sine_10Hz.csv", Wave("sine", 10.0, cycles=15, rest_s=0.5, tail_s=0.5), "identify"),
+        RecordingPlan("rectangle_1Hz.csv", Wave("rectangle", 1.0, cycles=5, rest_s=0.5, tail_s=0.5), "identify"),
+        RecordingPlan("triangle_1Hz.csv", Wave("triangle", 1.0, cycles=4, rest_s=0.5, tail_s=0.5), "identify"),
+        RecordingPlan("sine_1Hz.csv", Wave("sine", 1.0, cycles=4, rest_s=0.5, tail_s=0.5), role),
+        RecordingPlan("rectangle_10Hz.csv", Wave("rectangle", 10.0, cycles=15, rest_s=0.5, tail_s=0.5), role),
+    ]
+    faults = Faults(displacement=ChannelFaults(noise_scale=scale, noise_correlation=rho))
+    plan = CampaignPlan("concealed", tuple(plans), effects=effects or {}, faults=faults)
+    g = plan.geometry
+    actuator = bd.Actuator(
+        g.name, g.layers, g.layer_thickness_m, g.relative_permittivity, g.electrode_area_m2, g.total_area_m2,
+        g.stack_height_m, g.layer_mass_kg, g.max_voltage_V, g.max_frequency_Hz)  # fmt: skip
+    recordings = [
+        bd.recording_from_arrays(s.plan.file, s.plan.protocol.kind, s.columns, s.plan.role, actuator)
+        for s in simulate(plan, seed)
+    ]
+    return bd.campaign_from_recordings(recordings, ACCURACY, actuator, name="concealed")
