@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from .confidence import calibrated
 from .features import Features, features
 from .locate import excess_by, where
 from .name import MAINS, NONE, UNKNOWN, Explanation, Naming, name_physics
-from .noise_prior import noise_prior
+from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
 from .prove import HeldOut, held_out
 from .reduced import reduce_campaign
@@ -196,20 +196,23 @@ def _proof(
     held = tuple(p for p in pieces if not p.identify)
     if held:
         return held_out(base, corrected, held), "validate"
-    from dataclasses import replace
+    if len(base.problem.pieces) < 2:
+        return [], "none"
+    return leave_out_in_turn(base, corrected, prior), "left out in turn"
 
+
+def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior) -> list[HeldOut]:
+    """Each fitted recording scored by refits that have not seen it."""
     out = []
     used = base.problem.pieces
-    if len(used) < 2:
-        return [], "none"
     for piece in used:
         rest = tuple(p for p in used if p is not piece)
         fits = []
         for fit in (base, corrected):
-            again = refit(replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=4, fit_noise=False)
+            again = refit(replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False)
             fits.append(again or fit)
         out += held_out(fits[0], fits[1], (piece,))
-    return out, "left out in turn"
+    return out
 
 
 def _ask(naming: Naming, members: list[str], campaign: Campaign, base: Fit) -> dict[str, Any]:

@@ -57,7 +57,8 @@ def features(piece: Piece) -> Features:
         turns = (b.time_s - begin) * frequency
         inside = (b.time_s >= begin) & (b.time_s <= end)
         phase[inside] = turns[inside] % 1.0
-        repetition[inside] = turns[inside].astype(np.int64)
+        last_period = max(round((end - begin) * frequency) - 1, 0)
+        repetition[inside] = np.minimum(turns[inside].astype(np.int64), last_period)
     return Features(
         b.time_s,
         block_means(u, b, masked),

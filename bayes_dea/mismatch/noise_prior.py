@@ -57,7 +57,9 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
     log_sigma, atanh_rho = {}, {}
     for c in assembled.posterior.channels:
         members = [p for p in assembled.prepared if p.channel == c.channel]
-        log_sigma[c.channel] = (math.log(c.sigma_guess), _spread([math.log(p.quiet_sd) for p in members], SIGMA_LOG_SD))
+        # a clipped sensor may stand still to the last digit: that says nothing of the others
+        levels = [math.log(p.quiet_sd) for p in members if p.quiet_sd > 1e-3 * c.sigma_guess]
+        log_sigma[c.channel] = (math.log(c.sigma_guess), _spread(levels, SIGMA_LOG_SD))
         rhos = []
         for j, guess in enumerate(c.rho_guess):
             own = [

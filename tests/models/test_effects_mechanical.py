@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from bayes_dea.errors import InputError
 from bayes_dea.models.model import build_model
-from bayes_dea.models.plant import plant_of
+from bayes_dea.models.plant import FRICTION_ELEMENTS, plant_of
 from bayes_dea.models.simulate_plant import simulate_plates
 
 AREA, HEIGHT = 1.1450e-4, 10.261e-3
@@ -48,10 +48,11 @@ def closed_form(p, t, e):
     if "d0_Pa_s" in p:
         stress[1:] += p["d0_Pa_s"] * np.diff(e) / np.diff(t)
     if "sigma_y_Pa" in p:
-        y = -np.log1p(-(np.arange(12) + 0.5) / 12)
+        n = FRICTION_ELEMENTS
+        y = -np.log1p(-(np.arange(n) + 0.5) / n)
         y *= p["eps_y"] / y.mean()
-        k = p["sigma_y_Pa"] / p["eps_y"] / 12
-        slider = np.zeros(12)
+        k = p["sigma_y_Pa"] / p["eps_y"] / n
+        slider = np.zeros(n)
         for i in range(1, t.size):
             slider = np.clip(slider + k * (e[i] - e[i - 1]), -k * y, k * y)
             stress[i] += slider.sum()
