@@ -27,6 +27,9 @@ _NAMES = {
     "Calibration": "calibration",
     "CalibrationSettings": "calibration",
     "calibrate": "calibration",
+    "diagnose": "mismatch.diagnosis",
+    "Diagnosis": "mismatch.diagnosis",
+    "DiagnosisSettings": "mismatch.diagnosis",
     "Model": "models.model",
     "build_model": "models.model",
     "Prior": "priors",
@@ -69,6 +72,7 @@ if TYPE_CHECKING:
     from .export.write import export_state_space
     from .forward import simulate
     from .importing.run import import_files
+    from .mismatch.diagnosis import Diagnosis, DiagnosisSettings, diagnose
     from .models.model import Model, build_model
     from .models.networks import gkv_to_gm, gm_to_gkv
     from .prediction.answer import predict

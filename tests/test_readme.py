@@ -49,6 +49,32 @@ def test_commands_with_priors_run(beside_quickstart: Path):
         assert done.returncode == 0, done.stderr
 
 
+def test_commands_on_a_calibration_run(beside_quickstart: Path):
+    """The lines of "Using a calibration", "Files of another make" and the bench's, in their order."""
+    import numpy as np
+
+    def run(line: str) -> None:
+        here = f"{shlex.quote(sys.executable)} -m bayes_dea {line.removeprefix('bayes-dea ')} --quiet"
+        done = subprocess.run(here, shell=True, cwd=beside_quickstart, capture_output=True, text=True, timeout=300,
+                              check=False)
+        assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+    run("bayes-dea calibrate quickstart --model hooke+gm1 --out out --max-steps 200")
+    t = np.arange(400) * 0.01
+    stroke = 30e-6 * (1 - np.cos(2 * np.pi * 0.5 * t))
+    for name, column, values in (("command", "voltage_V", 600 * (t > 0.5)), ("stroke", "displacement_m", stroke)):
+        rows = "\n".join(f"{a:.3f},{b:.9g}" for a, b in zip(t, values, strict=True))
+        (beside_quickstart / f"{name}.csv").write_text(f"time_s,{column}\n{rows}\n", encoding="utf-8")
+    shutil.copytree(beside_quickstart / "quickstart", beside_quickstart / "recordings")
+    lines = re.findall(r"^    (bayes-dea (?:predict|export|report|import|bench) .*)$", README, re.M)
+    assert {line.split()[1] for line in lines} == {"predict", "export", "report", "import", "bench"}
+    for line in lines:
+        run(line)
+    for made in ("check/prediction.csv", "follow/command.csv", "out/model.mat", "imported/campaign.toml",
+                 "with_resistor/campaign.toml"):
+        assert (beside_quickstart / made).is_file(), made
+
+
 def test_campaign_blocks_are_what_the_reader_takes(tmp_path: Path):
     import numpy as np
 
