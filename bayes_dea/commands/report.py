@@ -13,16 +13,20 @@ EXAMPLE = "Example: bayes-dea report out"
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of an earlier calibration.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of a calibration or a diagnosis.")],
     static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
                                          "repository.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Draw report.html again from the JSON and posterior.nc in a folder."""
+    """Draw report.html again from the JSON and data in a folder."""
+    from ..report.diagnosis_page import write_diagnosis_page
     from ..report.page import write_report
     from ..store import load_posterior
 
-    load_posterior(folder)
-    page = write_report(folder, interactive=not static)
+    if (folder / "diagnosis.json").is_file() and not (folder / "calibration.json").is_file():
+        page = write_diagnosis_page(folder)
+    else:
+        load_posterior(folder)
+        page = write_report(folder, interactive=not static)
     if not quiet:
         typer.echo(f"Report: {page}")

@@ -315,7 +315,7 @@ def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:
         if weight.sum() <= 0:
             weight = np.ones_like(weight)
         weight = weight / weight.sum()
-        value = np.exp(x) if prior.is_log else x
+        value = np.exp(np.clip(x, -300.0, 300.0)) if prior.is_log else x
         mean = float(weight @ value)
         cdf = np.cumsum(weight) - 0.5 * weight
         q05, q50, q95 = (float(np.interp(p, cdf, value)) for p in (0.05, 0.5, 0.95))

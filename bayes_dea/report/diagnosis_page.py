@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import shlex
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
 from ..results import read_json, write_atomic
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
 
@@ -22,9 +24,12 @@ def write_diagnosis_page(folder: Path) -> Path:
     """Draw report.html from diagnosis.json and diagnosis.npz in `folder` and return its path."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    summary = read_json(folder / "diagnosis.json")
-    with np.load(folder / "diagnosis.npz", allow_pickle=False) as file:
-        data = {k: file[k] for k in file.files}
+    try:
+        summary = read_json(folder / "diagnosis.json")
+        with np.load(folder / "diagnosis.npz", allow_pickle=False) as file:
+            data = {k: file[k] for k in file.files}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{folder}: no whole diagnosis ({error}); run the diagnosis again") from error
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

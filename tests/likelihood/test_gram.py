@@ -9,6 +9,7 @@ from small_records import MODEL, TRUTH, dense, gain_posterior, noise_terms, part
 
 from bayes_dea.errors import InputError
 from bayes_dea.forward import simulate
+from bayes_dea.likelihood.gram import precision_matrix
 from bayes_dea.likelihood.linear_group import build_linear_groups
 from bayes_dea.likelihood.prepare import rate_classes
 
@@ -252,3 +253,20 @@ def test_a_long_record_is_exact():
         for values in (TRUTH, {k: v * math.exp(0.003 * rng.standard_normal()) for k, v in TRUTH.items()}):
             expected = direct(prepared, terms, values, 4e-6, rho)
             assert value(group, values, 4e-6, rho)[0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_absurd_compliances_that_cancel_are_no_maximum():
+    """Their residual is nothing but rounding, and may come out as a negative sum of squares."""
+    prepared = [voltage_record("a", 400), voltage_record("b", 300, seed=1, voltage=700.0)]
+    (group,), _ = build(prepared, noise_terms())
+    vectors = group.vectors(MODEL, coordinates(TRUTH))
+    form = precision_matrix(group.gram_fitted, 4.7e-6, np.zeros(1))[:-1, :-1]
+    _, directions = np.linalg.eigh(0.5 * (form + form.T))
+    rng = np.random.default_rng(3)
+    # what the recordings hardly see, many powers of ten larger than what is there
+    flat = directions[:, :3] @ rng.standard_normal((3, 200))
+    huge = vectors + 1e18 * np.abs(vectors).max() * flat.T
+    values = group.evaluate(group.gram_fitted, huge, np.full(200, 4.7e-6), np.zeros((200, 1)))[:, 0]
+    sensible = group.evaluate(group.gram_fitted, vectors, np.array([4.7e-6]), np.zeros((1, 1)))[0, 0]
+    assert np.isfinite(sensible)
+    assert np.all(values < sensible)

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -19,6 +21,13 @@ CASES = {
     "rate_independent_hysteresis": ({"sigma_y_Pa": 1500.0, "eps_y": 0.002}, "sigma_y_Pa"),
     "sensor_clipping": ({"y_max_m": 1.9e-4, "clip_noise": 0.0}, "y_max_m"),
 }
+
+
+def command_line(*words):
+    """Exit status of `bayes-dea WORDS`."""
+    done = subprocess.run([sys.executable, "-m", "bayes_dea", *words], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    return done.returncode
 
 
 def check_summary(s):
@@ -108,6 +117,11 @@ def test_the_folder_holds_json_and_a_page_without_network(diagnosed, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"""(?:src|href)=["']https?://""", page)
     assert page.count("<img") >= 5
+    (tmp_path / "report.html").unlink()
+    assert command_line("report", str(tmp_path), "--quiet") == 0
+    assert (tmp_path / "report.html").read_text() == page
+    (tmp_path / "diagnosis.npz").write_bytes((tmp_path / "diagnosis.npz").read_bytes()[:1000])
+    assert command_line("report", str(tmp_path), "--quiet") == 2
     text = terminal_summary(written)
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "series_resistance" in text
