@@ -106,7 +106,8 @@ def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
             out.append(_voltage_piece(p, group, rate, sd, recordings))
         else:
             index = zeros.index(p.name) if p.name in zeros else -1
-            out.append(_mechanical_piece(p, group, rate, sd, index))
+            stated = assembled.campaign.sensors.get("position")
+            out.append(_mechanical_piece(p, group, rate, sd, index, stated.accuracy if stated else None))
     return tuple(out)
 
 
@@ -137,7 +138,22 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
     )
 
 
-def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) -> Piece:
+def _position_gain(p: Prepared, position: Array, travel: float, accuracy: float | None) -> tuple[Array, float]:
+    """What a wrong scale of the position adds to the force beyond a wrong scale of the force: column (n,) and its sd.
+
+    """What a wrong scale of the position adds to the force beyond one of the force itself: column (n,) and its sd.
+    gain of the force already.
+    """
+    height = p.recording.actuator.stack_height_m or 1.0
+    e = np.clip((position - position[0]) / height, -0.9, 0.9)
+    x = e / (1.0 - e)
+    modulus = float(np.quantile(np.abs(p.y[p.observed]), 0.999)) / max(float(np.max(np.abs(x))), 1e-9)
+    return modulus * x * x, (accuracy or 0.0) / np.sqrt(3.0) / travel
+
+
+def _mechanical_piece(
+    p: Prepared, group: int, rate: int, sd: Array, zero: int, accuracy_m: float | None = None
+) -> Piece:
     position = imposed_position(p.recording)
     raw = filled_input(p.recording.columns["position_m"])
     masked = ~p.observed
@@ -153,6 +169,10 @@ def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) 
     force = p.y[p.observed]
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     stiffness = float(np.quantile(force, 0.999) - np.quantile(force, 0.001)) / travel
+    nuisance = p.nuisance().T
+    scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
+    if scale_sd > 0:
+        nuisance, sd = np.concatenate([nuisance, scale[None]]), np.append(sd, scale_sd)
     return Piece(
         p,
         "force",
@@ -160,7 +180,7 @@ def _mechanical_piece(p: Prepared, group: int, rate: int, sd: Array, zero: int) 
         rate,
         blocks,
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
-        block_means(p.nuisance().T, blocks, masked),
+        block_means(nuisance, blocks, masked),
         sd,
         white_variance=(stiffness * input_noise(raw)) ** 2,
         position=position,
