@@ -139,10 +139,10 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
 
 
 def _position_gain(p: Prepared, position: Array, travel: float, accuracy: float | None) -> tuple[Array, float]:
-    """What a wrong scale of the position adds to the force beyond a wrong scale of the force: column (n,) and its sd.
-
     """What a wrong scale of the position adds to the force beyond one of the force itself: column (n,) and its sd.
-    gain of the force already.
+
+    With F = Y A e/(1 - e) a position scale 1 + g adds g Y A e/(1 - e)^2 = g (F + Y A (e/(1 - e))^2); the first part
+    is a gain of the force already.
     """
     height = p.recording.actuator.stack_height_m or 1.0
     e = np.clip((position - position[0]) / height, -0.9, 0.9)
