@@ -71,7 +71,7 @@ def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, 
         if interrupt_thrice(arguments, out):
             break
     else:
-        pytest.skip("too busy here to interrupt a run of a second three times; tests/test_kills.py kills at random times")
+        pytest.skip("too busy here to interrupt a run of a second three times; test_kills.py does it at random")
     (checkpoint,) = out.glob(".checkpoint-*.npz")
     with np.load(checkpoint) as state:
         done_before = int(state["counts"][0])
