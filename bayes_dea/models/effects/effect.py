@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, MutableMapping
 from functools import cached_property
 from types import MappingProxyType
@@ -16,7 +17,7 @@ BOTH = frozenset({"voltage", "mechanical"})
 VOLTAGE = frozenset({"voltage"})
 
 
-class Effect:
+class Effect(ABC):
     """One effect of CONTRACT 3. Subclasses say what they are in class attributes and write themselves into a plant.
 
     name, stage: as in the contract. label: for pictures and tables. equation, source: text. acts_on: kinds of
@@ -49,13 +50,13 @@ class Effect:
         """Priors that depend on the campaign, by parameter name; the prior file holds what stands where none does."""
         return {}
 
+    @abstractmethod
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence on what was left out, with its numbers, for someone who can go and look."""
-        raise NotImplementedError
 
+    @abstractmethod
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """Put the effect's numbers into the fields of a `Plant` that is being built."""
-        raise NotImplementedError
 
 
 def off(name: str) -> Mapping[str, float]:
