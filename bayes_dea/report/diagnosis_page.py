@@ -78,7 +78,7 @@ def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
         out.append(
             {
                 "name": h["name"],
-                "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}",
+                "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}" if p >= 1e-99 else "< 1e-99",
                 "evidence": "–"
                 if h["log_evidence"] is None
                 else f"{h['log_evidence']:.1f} ± {h['log_evidence_se']:.1f}",
@@ -131,14 +131,14 @@ def _probabilities(summary: dict[str, Any]) -> Picture:
     ax.barh(y, np.maximum(p, 1e-6), color=colours, height=0.62)
     ax.set_yticks(y, [h["name"] for h in rows])
     for k, v in zip(y, p, strict=True):
-        ax.text(min(v * 1.15, 1.6), float(k), f"{100 * v:.2g} %", va="center", fontsize=8)
+        ax.text(min(v * 1.15, 1.6), float(k), f"{100 * v:.3g} %", va="center", fontsize=8)
     set_log_x(ax, 1e-6, 8.0)
     ax.set_xlabel("probability")
     figure.tight_layout()
     return picture(
         figure,
         f"What may have been left out, and how probable each is after the recordings were seen. The verdict, "
-        f"{summary['verdict']}, is coloured. A factor of ten is one tick.",
+        f"{summary['verdict']}, is coloured. The scale is logarithmic.",
         "bars of probabilities",
     )
 
