@@ -40,13 +40,20 @@ class Fit:
     @property
     def covariance(self) -> Array:
         """Posterior covariance of q (d, d)."""
-        return np.asarray(np.linalg.inv(self.hessian), dtype=float)
+        return inverse(self.hessian)
 
     def values(self) -> dict[str, float]:
         """Physical parameters at the maximum."""
         return {
             k: float(v[0]) for k, v in self.problem.model.physical(self.q[None, : self.problem.model.dimension]).items()
         }
+
+
+def inverse(H: Array) -> Array:
+    """Inverse of a symmetric matrix, without the directions that neither recordings nor prior say anything of."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    inner = np.linalg.pinv((H * scale).T * scale, rcond=1e-14, hermitian=True)
+    return np.asarray((inner * scale).T * scale, dtype=float)
 
 
 def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from ..models.model import Model
 from .noise_prior import NoisePrior
 from .problem import Kept, Whitened, whiten
-from .refit import Fit, bounds, descend, prior_derivatives, refit
+from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Frame:
         base, gradient, curvature = prior_derivatives(fit.problem, fit.q)
         self.prior, self.gradient = base, gradient
         self.H = total[1:, 1:] + curvature
-        self.Hinv = np.linalg.inv(0.5 * (self.H + self.H.T))
+        self.Hinv = inverse(0.5 * (self.H + self.H.T))
 
     def value(self, clean: list[Array]) -> tuple[float, Array]:
         """Minus log posterior (without log det terms) of other predictions, base moved along; and the move (d,)."""
