@@ -27,6 +27,9 @@ _NAMES = {
     "Calibration": "calibration",
     "CalibrationSettings": "calibration",
     "calibrate": "calibration",
+    "compare": "comparison.run",
+    "Comparison": "comparison.run",
+    "ComparisonSettings": "comparison.run",
     "diagnose": "mismatch.diagnosis",
     "Diagnosis": "mismatch.diagnosis",
     "DiagnosisSettings": "mismatch.diagnosis",
@@ -67,6 +70,7 @@ if TYPE_CHECKING:
         load_campaign,
         recording_from_arrays,
     )
+    from .comparison.run import Comparison, ComparisonSettings, compare
     from .errors import BayesDEAError, InputError, NotConvergedWarning
     from .export.files import load_state_space
     from .export.write import export_state_space

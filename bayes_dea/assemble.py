@@ -102,7 +102,7 @@ def assemble(
             groups += build_interval_groups(mechanical, terms, rates["force"], "force", scatter)
         else:
             groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
-    zeros = tuple(_zero_prior(p) for p in mechanical if p.recording.role == "identify")
+    zeros = tuple(zero_prior(p) for p in mechanical if p.recording.role == "identify")
     specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
     for p in prepared:
         if p.recording.specimen not in specimens:
@@ -265,7 +265,7 @@ def _channel(
     )
 
 
-def _zero_prior(p: Prepared) -> ZeroPrior:
+def zero_prior(p: Prepared) -> ZeroPrior:
     position = filled_input(p.recording.columns["position_m"])
     height = p.recording.actuator.stack_height_m or 1.0
     force = p.y[p.observed]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings as python_warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from . import __version__
 from .assemble import Assembled, assemble
 from .campaign.schema import Campaign
-from .emulation import Emulation, emulate
-from .errors import InputError, NotConvergedWarning
-from .find_map import MapResult, MapSettings, find_map, laplace_covariance
+from .emulation import Emulation
+from .errors import NotConvergedWarning
+from .find_map import MapResult, find_map
 from .fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
-from .fit.evidence import bridge_log_evidence
 from .fit.reweigh import LARGEST_K, Weights, smoothed_weights, systematic
 from .likelihood.posterior import Posterior
 from .likelihood.remembering import forget
@@ -27,27 +26,10 @@ from .models.chain import maxwell_form
 from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
+from .quantities import gain_name, reported_quantities, to_converge
 from .reuse import KEY, describe, seen
-
-#: called with (phase, done, of, text)
-Report = Callable[[str, float, float, str], None]
-
-
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """walkers: of each ensemble (raised to three times the dimension when that is more); draws: kept for results.
-
-    simulated_draws: kept where every draw costs a simulation of each recording.
-    """
-
-    walkers: int = 32
-    ensembles: int = 2
-    draws: int = 2000
-    simulated_draws: int = 1000
-    predictive_draws: int = 200
-    workers: int = 1
-    map: MapSettings = MapSettings()
-    sampler: EnsembleSettings = EnsembleSettings()
+from .sampling import Report, sample_posterior, thinned
+from .settings import CalibrationSettings
 
 
 @dataclass(frozen=True)
@@ -106,7 +88,7 @@ def calibrate(
     say = report or (lambda *_: None)
     clock = _Clock()
     rng = np.random.default_rng(seed)
-    r_map, r_start, r_sample, r_evidence, r_predict, r_prior = rng.spawn(6)
+    r_map, r_sample, r_predict, r_prior = rng.spawn(4)
 
     say("reading noise", 0, 1, campaign.name)
     assembled = assemble(campaign, model, s.workers, lambda *at: say("reading noise", *at))
@@ -123,46 +105,23 @@ def calibrate(
         lambda *at: say("searching the MAP", *at),
     )
     clock.lap("map")
-    emulation: Emulation | None = None
-    if model.spec.effects:
-        say("emulating", 0, 1, "simulations around the maximum")
-        emulation = emulate(
-            posterior,
-            found,
-            assembled.search_groups,
-            r_start,
-            ensembles=s.ensembles,
-            report=lambda *at: say("emulating", *at),
-        )
-        posterior, target, start = emulation.exact, emulation.emulated, emulation.start
-        clock.lap("emulate")
-    else:
-        target, start = posterior, _walkers(found, posterior, s, r_start)
-
-    def on_check(p: Progress) -> None:
-        tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
-        rhat = f"R-hat {p.rhat:.3f}, " if np.isfinite(p.rhat) else ""
-        goal = 60 * p.tau if np.isfinite(p.tau) else p.max_steps
-        text = f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}"
-        say("sampling", min(p.step, goal), max(goal, p.step), text)
-
-    with python_warnings.catch_warnings():
-        python_warnings.simplefilter("ignore", NotConvergedWarning)
-        python_warnings.simplefilter("ignore", RuntimeWarning)
-        say("sampling", 0, 1, "")
-        sampling = _sample(target, start, s.sampler, r_sample, on_check, checkpoint, emulation)
-    clock.lap("sample")
-    say("evidence", 0, 1, "bridge sampling")
-    density = target.log_prob if emulation is None else emulation.log_prob
-    log_evidence, log_evidence_se, no_evidence = _evidence(density, sampling, r_evidence)
-    if emulation is not None:
-        sampling = replace(sampling, chains=emulation.shear.inverse(sampling.chains))
-    clock.lap("evidence")
-    draws = _thinned(sampling, s.draws)
+    sampled = sample_posterior(
+        posterior,
+        found,
+        s,
+        r_sample,
+        assembled.search_groups if model.spec.effects else None,
+        say,
+        clock.lap,
+        checkpoint,
+    )
+    sampling, posterior, emulation = sampled.result, sampled.exact, sampled.emulation
+    log_evidence = sampled.log_evidence
+    draws = thinned(sampling, s.draws)
     weights: Weights | None = None
     if emulation is not None:
-        draws = _thinned(sampling, min(s.draws, s.simulated_draws))
-        weights = _weights(posterior, target, draws.reshape(-1, draws.shape[-1]), say)
+        draws = thinned(sampling, min(s.draws, s.simulated_draws))
+        weights = _weights(posterior, emulation.emulated, draws.reshape(-1, draws.shape[-1]), say)
         log_evidence += weights.log_mean
         if weights.usable:
             draws = _reweighted(draws, weights, r_predict)
@@ -185,7 +144,7 @@ def calibrate(
     prior_quantities = {**model.reported(posterior.model_part(prior_draws)), **posterior.noise_quantities(prior_draws)}
     notes = [
         *assembled.warnings,
-        *no_evidence,
+        *sampled.notes,
         *_emulator_notes(weights),
         *_notes(model, found, sampling, quantities, prior_quantities, predictions),
     ]
@@ -206,7 +165,7 @@ def calibrate(
         prior_quantities,
         predictions,
         log_evidence,
-        log_evidence_se,
+        sampled.log_evidence_se,
         seed,
         notes,
         clock,
@@ -279,67 +238,6 @@ def _effect_starts(
     return effect_starts(assembled, model, rng, s.map)
 
 
-def _sample(
-    posterior: Posterior,
-    start: NDArray,
-    settings: EnsembleSettings,
-    rng: np.random.Generator,
-    report: Callable[[Progress], None],
-    checkpoint: Path | None,
-    emulation: Emulation | None = None,
-) -> EnsembleResult:
-    """The ensembles, from the checkpoint where there is one that fits, from `start` otherwise."""
-
-    def run(resume_from: Path | None) -> EnsembleResult:
-        return sample(
-            posterior.log_prob if emulation is None else emulation.log_prob,
-            start,
-            settings,
-            rng,
-            names=posterior.names,
-            report=report,
-            derived=lambda y: _to_converge(posterior, y if emulation is None else emulation.shear.inverse(y)),
-            checkpoint=checkpoint,
-            resume_from=resume_from,
-            proposal=None if emulation is None else emulation.proposal,
-        )
-
-    if checkpoint is not None and checkpoint.exists():
-        try:
-            return run(checkpoint)
-        except InputError:  # damaged, or of another machine whose last digits differ: it is worth no more than time
-            pass
-    return run(None)
-
-
-def _to_converge(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
-    """Everything that is reported, of draws (B, d); of the gains, which are integrated out, the mean given the draw."""
-    parts = []
-    for rows in np.array_split(q, max(1, len(q) // 256)):
-        means = {_gain_name(posterior, *key): mean for key, (mean, _) in conditional_gain(posterior, rows).items()}
-        parts.append({**reported_quantities(posterior, rows), **means})
-    return {name: np.concatenate([np.asarray(part[name]) for part in parts]) for name in parts[0]}
-
-
-def _gain_name(posterior: Posterior, channel: str, specimen: str) -> str:
-    several = len({g.specimen for g in posterior.groups}) > 1
-    return f"gain_{channel}_{specimen}" if several else f"gain_{channel}"
-
-
-def _evidence(
-    log_prob: Callable[[NDArray], NDArray], sampling: EnsembleResult, rng: np.random.Generator
-) -> tuple[float, float, list[str]]:
-    """Log evidence and its standard error; where the draws do not carry one, NaN and a text that says so."""
-    try:
-        return *bridge_log_evidence(log_prob, sampling.chains, rng), []
-    except InputError as error:
-        return (
-            float("nan"),
-            float("nan"),
-            [f"The evidence could not be estimated ({error}): run the sampler longer (--max-steps)."],
-        )
-
-
 class _Clock:
     def __init__(self) -> None:
         self.began = self.last = time.perf_counter()
@@ -355,56 +253,12 @@ class _Clock:
         return time.perf_counter() - self.began
 
 
-def _walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:
-    """Start of the ensembles (e, w, d): normal around the MAP, each ensemble widened differently."""
-    d = posterior.dimension
-    walkers = max(s.walkers, 3 * d + (3 * d) % 2)
-    covariance = laplace_covariance(found, posterior, rng)
-    factor = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
-    # where the maximum is a kink the covariance is no guide: a walker far below would stay in a lesser mode for good
-    least = found.log_posterior - 10.0 - 3.0 * d
-    out = np.empty((s.ensembles, walkers, d))
-    for e in range(s.ensembles):
-        width = 1.2 if e % 2 == 0 else 0.8
-        good = np.zeros(walkers, bool)
-        for _ in range(60):
-            need = np.flatnonzero(~good)
-            if not need.size:
-                break
-            out[e, need] = found.x + width * rng.standard_normal((need.size, d)) @ factor.T
-            good[need] = posterior.log_prob(out[e, need]) > least
-            width *= 0.9
-    return out
-
-
-def reported_quantities(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
-    """All reported quantities of draws (B, d) but the gains: parameters of every specimen, noise, zeros of position."""
-    out = posterior.model.reported(posterior.model_part(q))
-    names = list(out)
-    for specimen in posterior.specimens[1:] if posterior.own else ():
-        values = posterior.model.reported(posterior.model_part(q, specimen))
-        # what is shared is the same number and not said twice
-        of_priors = posterior.model.priors.names
-        own = {of_priors[i] for i in posterior.own} if set(names) <= set(of_priors) else names
-        out |= {f"{name}_{specimen}": values[name] for name in names if name in own}
-    out |= posterior.noise_quantities(q)
-    zeros = posterior.zeros_part(q)
-    return out | {z.name: zeros[z.recording] for z in posterior.zeros}
-
-
-def _thinned(sampling: EnsembleResult, count: int) -> NDArray:
-    """(ensemble, draw, d), evenly spaced over each ensemble's draws."""
-    chains = sampling.by_ensemble()
-    per = max(1, min(chains.shape[1], count // chains.shape[0]))
-    return chains[:, np.linspace(0, chains.shape[1] - 1, per).astype(int)]
-
-
 def _quantities(
     posterior: Posterior, flat: NDArray, rng: np.random.Generator, shape: tuple[int, ...]
 ) -> dict[str, NDArray]:
     out = reported_quantities(posterior, flat)
     for (channel, specimen), (mean, sd) in conditional_gain(posterior, flat).items():
-        out[_gain_name(posterior, channel, specimen)] = mean + sd * rng.standard_normal(len(mean))
+        out[gain_name(posterior, channel, specimen)] = mean + sd * rng.standard_normal(len(mean))
     return {name: np.asarray(v).reshape(shape) for name, v in out.items()}
 
 
@@ -450,7 +304,7 @@ def _refit_left_out(
             python_warnings.simplefilter("ignore")
             refit = sample(without.log_prob, start, quick, rng, names=posterior.names, report=on_check)
         say("predicting", 0, 1, "")
-        draws = _thinned(refit, 1000).reshape(-1, posterior.dimension)
+        draws = thinned(refit, 1000).reshape(-1, posterior.dimension)
         names = [f.name for f in group.fitted]
         log_likelihood = (
             subset_terms(posterior, group, draws, names)[:, 0]
@@ -528,7 +382,7 @@ def _summary(
     notes: list[str],
     clock: _Clock,
 ) -> dict[str, Any]:
-    at = _to_converge(posterior, found.x[None])
+    at = to_converge(posterior, found.x[None])
     base_names = set(model.reported(posterior.model_part(found.x[None])))
     at_map = {name: v for name, v in at.items() if name in base_names or name.rsplit("_", 1)[0] in base_names}
     units = model.units()
@@ -565,7 +419,7 @@ def _summary(
     for zero in posterior.zeros:
         noise[zero.name]["contraction"] = float(1 - np.var(quantities[zero.name]) / zero.sd**2)
     for group in posterior.groups:
-        name = _gain_name(posterior, group.channel, group.specimen)
+        name = gain_name(posterior, group.channel, group.specimen)
         if group.gain_sd > 0:
             noise[name]["contraction"] = float(1 - np.var(quantities[name]) / group.gain_sd**2)
     same = maxwell_form(

@@ -7,20 +7,17 @@ again until that is little. Everything is done before the long run, so that a lo
 
 from __future__ import annotations
 
-import contextlib
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
 from .find_map import MapResult
-from .fit.ensemble import EnsembleSettings, sample
-from .fit.mixture import Mixture, fit_mixture
-from .fit.shear import Shear, fit_shear
+from .fit.mixture import Mixture
+from .fit.pilot import Pilot, PilotSettings, run_pilot, straightened
+from .fit.shear import Shear
 from .likelihood.block_group import BlockGroup
 from .likelihood.emulated_group import Design, base_of, emulate_group, projected_gram
 from .likelihood.linear_group import LinearGroup
@@ -36,16 +33,13 @@ Array = NDArray[np.float64]
 class EmulationSettings:
     """rounds: pilots at most; error_nats: sd of the error that is good enough; tests: simulations that measure it.
 
-    most_terms: monomials of a third-order polynomial at most; above, it stays at the second. temperatures: of the runs
-    of a pilot; a density raised to 1/2 shows where its tails are.
+    most_terms: monomials of a third-order polynomial at most; above, it stays at the second.
     """
 
     rounds: int = 6
     error_nats: float = 0.15
     tests: int = 40
-    pilot_steps: int = 300
-    temperatures: tuple[float, ...] = (1.0, 2.0, 2.0, 1.0)
-    walkers_per_dimension: int = 6
+    pilot: PilotSettings = PilotSettings()
     most_terms: int = 300
 
 
@@ -68,7 +62,7 @@ class Emulation:
 
     def log_prob(self, y: Array) -> Array:
         """(B,) emulated log posterior of straightened coordinates (B, d)."""
-        return _straightened(self.emulated, self.shear, 1.0, y)
+        return straightened(self.emulated.log_prob, self.shear, 1.0, y)
 
 
 def emulate(
@@ -85,12 +79,13 @@ def emulate(
     say = report or (lambda *_: None)
     exact = remembering(posterior)
     design_rng, pilot_rng = rng.spawn(2)
+    powers = np.array([power_of(name) for name in exact.names])
     draws = _normal_draws(exact, found, design_rng)
     wide = draws.mean(axis=0) + 1.4 * (draws - draws.mean(axis=0))
     points, values = np.empty((0, exact.dimension)), np.empty(0)
     order, error = 2, float("inf")
     emulated = exact
-    pilot: _Pilot | None = None
+    pilot: Pilot | None = None
     largest = exact.model.dimension + (1 if exact.zeros else 0)
     for round_ in range(s.rounds):
         say(round_, s.rounds, f"{len(points)} simulations")
@@ -112,10 +107,10 @@ def emulate(
         emulated = _fitted(exact, linear, points[_near(exact, values)], draws, order)
         if enough:
             break
-        pilot = _run_pilot(emulated, draws, pilot_rng, s, ensembles)
+        pilot = run_pilot(emulated.log_prob, draws, powers, pilot_rng, s.pilot, ensembles)
         draws, wide = pilot.draws, pilot.wide
     assert pilot is not None
-    start = pilot.shear.forward(_spread(emulated, pilot.walkers))
+    start = pilot.start(emulated.log_prob)
     return Emulation(exact, emulated, pilot.shear, start, pilot.proposal, error, len(points), order, round_ + 1)
 
 
@@ -128,27 +123,6 @@ def _near(exact: Posterior, values: Array) -> NDArray[np.bool_]:
             "recordings say nothing about, or take the effect out of the model"
         )
     return np.asarray(finite & (values > np.max(values[finite]) - 15.0 - 6.0 * exact.dimension))
-
-
-@dataclass(frozen=True)
-class _Pilot:
-    walkers: Array  # (e, w, d), last ones
-    draws: Array  # (n, d)
-    wide: Array  # (n, d), of the density raised to 1/2
-    shear: Shear
-    proposal: Mixture | None  # in straightened coordinates
-
-
-def _spread(emulated: Posterior, start: Array) -> Array:
-    """Walkers with every ensemble of its own width, so that ensembles that agree have forgotten their start."""
-    out = start.copy()
-    for e in range(len(start)):
-        mean = start[e].mean(axis=0)
-        wide = mean + (1.2 if e % 2 == 0 else 0.8) * (start[e] - mean)
-        value, now = emulated.log_prob(wide), emulated.log_prob(start[e])
-        good = value > np.min(now) - 10.0
-        out[e, good] = wide[good]
-    return out
 
 
 def _fitted(
@@ -175,66 +149,6 @@ def _fitted(
             )
         )
     return replace(exact, groups=tuple(groups))
-
-
-def _run_pilot(
-    emulated: Posterior, draws: Array, rng: np.random.Generator, s: EmulationSettings, ensembles: int
-) -> _Pilot:
-    """Short runs on the emulator, each in coordinates straightened by the one before and helped by its mixture.
-
-    Differences of walkers alone take thousands of steps along the curved valleys that a slow mode leaves.
-    """
-    d = emulated.dimension
-    walkers = s.walkers_per_dimension * d + (s.walkers_per_dimension * d) % 2
-    value = emulated.log_prob(draws)
-    usable = np.flatnonzero(value > np.max(value[np.isfinite(value)]) - 10.0 - 3.0 * d)
-    start = draws[rng.choice(usable, size=(ensembles, walkers), replace=usable.size < ensembles * walkers)]
-    if usable.size < ensembles * walkers:  # walkers at one place would not span the space
-        flat = start.reshape(-1, d)
-        moved = flat + 0.03 * draws.std(axis=0) * rng.standard_normal(flat.shape)
-        good = np.isfinite(emulated.log_prob(moved))
-        flat[good] = moved[good]
-        start = flat.reshape(start.shape)
-    quick = EnsembleSettings(max_steps=s.pilot_steps, check_every=s.pilot_steps)
-    powers = np.array([power_of(name) for name in emulated.names])
-    shear = fit_shear(draws[usable], powers)
-    proposal: Mixture | None = None
-    kept = {1.0: draws[usable], 2.0: draws[usable]}
-    for temperature in s.temperatures:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            density = partial(_straightened, emulated, shear, temperature)
-            run = sample(density, shear.forward(start), quick, rng, names=emulated.names, proposal=proposal)
-        start = shear.inverse(run.chains[:, -1])
-        late = shear.inverse(run.chains[:, run.chains.shape[1] // 3 :]).reshape(-1, d)
-        kept[temperature] = late[np.linspace(0, len(late) - 1, min(5000, len(late))).astype(int)]
-        shear = fit_shear(np.concatenate(list(kept.values())), powers)
-        with contextlib.suppress(InputError):
-            straight = [shear.forward(x) for x in kept.values()]
-            fits = [fit_mixture(y, rng, (1, 4, 8, 16)) for y in straight]
-            fits += [_normal(straight[1], wide) for wide in (1.3, 2.0)]
-            proposal = _joined(fits, np.array([0.5, 0.34, 0.08, 0.08]))
-    return _Pilot(start, kept[1.0], kept[2.0], shear, proposal)
-
-
-def _normal(y: Array, wide: float) -> Mixture:
-    """One normal density as wide as draws (n, d), times `wide`."""
-    covariance = np.cov(y.T)
-    root = np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))
-    return Mixture(np.ones(1), y.mean(axis=0)[None], np.asarray(wide * root[None], float))
-
-
-def _joined(parts: Sequence[Mixture], weights: Array) -> Mixture:
-    """A mixture of mixtures, a little wider than they are: tails that a proposal lacks would hold walkers fast."""
-    return Mixture(
-        np.concatenate([w * m.weights for w, m in zip(weights, parts, strict=True)]),
-        np.concatenate([m.means for m in parts]),
-        np.concatenate([1.05 * m.roots for m in parts]),
-    )
-
-
-def _straightened(emulated: Posterior, shear: Shear, temperature: float, y: Array) -> Array:
-    return emulated.log_prob(shear.inverse(y)) / temperature
 
 
 def _normal_draws(exact: Posterior, found: MapResult, rng: np.random.Generator, n: int = 4000) -> Array:

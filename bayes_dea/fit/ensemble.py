@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from bayes_dea.errors import BayesDEAError, InputError, NotConvergedWarning
 from bayes_dea.fit.diagnostics import ess, integrated_time, rank_rhat
+from bayes_dea.fit.metric_move import MetricMove
 from bayes_dea.fit.mixture import Mixture
 from bayes_dea.results import write_bytes
 
@@ -41,7 +42,8 @@ class EnsembleSettings:
     rank-normalised split R-hat below `rhat_limit`, bulk and tail ESS above `ess_limit`. Burn-in is the larger
     of `burn_taus` autocorrelation times and `burn_fraction` of the run. `max_seconds` counts the run since it
     was started or resumed. Weights need not add up to one. At most `max_stored` steps of an ensemble are kept
-    in memory; beyond, every second one is dropped and later ones are stored at that distance.
+    in memory; beyond, every second one is dropped and later ones are stored at that distance. Draws are kept at
+    most `thin_taus` autocorrelation times apart; 0 keeps every stored one.
     """
 
     max_steps: int = 20_000
@@ -58,6 +60,7 @@ class EnsembleSettings:
     de_sigma: float = 1e-5
     max_stored: int = 4_000
     checkpoint_seconds: float = 10.0
+    thin_taus: float = 0.5
 
     def __post_init__(self) -> None:
         weights = (self.de_weight, self.jump_weight, self.stretch_weight)
@@ -132,6 +135,7 @@ def sample(
     checkpoint: Path | None = None,
     resume_from: Path | None = None,
     proposal: Mixture | None = None,
+    metric: Callable[[Array], Array] | None = None,
 ) -> EnsembleResult:
     """Sample a density with two or more ensembles until the stopping rule is met or a limit is reached.
 
@@ -143,6 +147,7 @@ def sample(
     done). resume_from: such a file; the run goes on to the same numbers as
     if it had never stopped, provided density, start, proposal and settings other than limits are the same.
     proposal: near the density; many of the moves then are draws of it, accepted by Metropolis-Hastings.
+    metric: (n, d) -> (n, d, d), positive definite, how sharply the density bends; some moves then are steps that fit.
     Raises InputError for a wrong start (shape, walkers outside the support or in a subspace) and for
     a checkpoint that belongs to another run. Warns NotConvergedWarning when a limit ended the run.
     """
@@ -163,7 +168,7 @@ def sample(
             raise InputError("sampler: rng is needed to start; pass numpy.random.default_rng(seed)")
         store = _Store.new(start, _initial(density, start), rng)
     checks = _check_steps(s)
-    samplers = [_emcee(density, w, d, s, proposal) for _ in range(e)]
+    samplers = [_emcee(density, w, d, s, proposal, metric) for _ in range(e)]
     began = last_saved = time.monotonic()
     verdict = _Verdict.nothing(d, e)
     reason = ""
@@ -276,7 +281,14 @@ def _initial(density: _Density, start: Array) -> Array:
     return values
 
 
-def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings, proposal: Mixture | None) -> Any:
+def _emcee(
+    density: _Density,
+    w: int,
+    d: int,
+    s: EnsembleSettings,
+    proposal: Mixture | None,
+    metric: Callable[[Array], Array] | None,
+) -> Any:
     import emcee
 
     moves = [
@@ -284,14 +296,21 @@ def _emcee(density: _Density, w: int, d: int, s: EnsembleSettings, proposal: Mix
         (emcee.moves.DEMove(sigma=s.de_sigma, gamma0=1.0), s.jump_weight),
         (emcee.moves.StretchMove(), s.stretch_weight),
     ]
+    total = sum(weight for _, weight in moves)
+    if metric is not None:
+        moves.append((emcee.moves.MHMove(MetricMove(metric)), total))
     if proposal is not None:
-        total = sum(weight for _, weight in moves)
 
         def independent(x: Array, random: Any) -> tuple[Array, Array]:
             new = proposal.draw(len(x), random)
             return new, proposal.log_density(x) - proposal.log_density(new)
 
+        def local(x: Array, random: Any) -> tuple[Array, Array]:
+            return proposal.walk(x, random, 0.6 * 2.38 / np.sqrt(d))
+
         moves.append((emcee.moves.MHMove(independent), total))
+        # a walker in a branch or a tail that is narrower than the whole gets on by steps of that branch's width
+        moves.append((emcee.moves.MHMove(local), 0.7 * total))
         # where the tails are thinner than the bulk, only steps much shorter than the bulk's lead out of them
         short = 0.2 * 2.38 / np.sqrt(2.0 * d)
         moves.append((emcee.moves.DEMove(sigma=s.de_sigma, gamma0=short), 0.7 * total))
@@ -486,7 +505,7 @@ def _judge(
     tau = np.array([[integrated_time(kept[k, :, :, i]) for i in range(d)] for k in range(e)])
     limit = float(np.nanmax(tau)) if np.isfinite(tau).any() else np.nan
     long_enough = np.all(np.isfinite(tau)) and kept.shape[1] > s.tau_factor * limit
-    step = max(1, min(int(limit / 2.0), kept.shape[1] // 20)) if np.isfinite(limit) else 1
+    step = max(1, min(int(limit * s.thin_taus), kept.shape[1] // 20)) if np.isfinite(limit) else 1
     draws, values = kept[:, ::step], log_prob[:, burn:][:, ::step]
     verdict = _Verdict(
         draws, values, tau * store.thin, burn * store.thin, step * store.thin, {}, {}, {}, False,

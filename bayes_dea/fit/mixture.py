@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from bayes_dea.errors import InputError
@@ -30,6 +33,21 @@ class Mixture:
         which = rng.choice(len(self.weights), size=n, p=self.weights)
         z = rng.standard_normal((n, self.means.shape[1]))
         return self.means[which] + np.einsum("nij,nj->ni", self.roots[which], z)
+
+    def walk(self, x: Array, rng: np.random.Generator, scale: float) -> tuple[Array, Array]:
+        """A step from each x (n, d) as wide as the mixture is there, and log q(x | new) - log q(new | x), (n,).
+
+        The component whose width a step takes is drawn by its share of the density at x: narrow where the density is.
+        """
+        here = _shares(x, self)
+        cumulative = np.cumsum(here, axis=1)
+        which = np.minimum((rng.random((len(x), 1)) * cumulative[:, -1:] > cumulative).sum(axis=1), here.shape[1] - 1)
+        step = scale * np.einsum("nij,nj->ni", self.roots[which], rng.standard_normal(x.shape))
+        new = x + step
+        widths = _log_parts(step, Mixture(np.ones(len(self.weights)), np.zeros_like(self.means), scale * self.roots))
+        with np.errstate(divide="ignore"):
+            there, back = np.log(here) + widths, np.log(_shares(new, self)) + widths
+        return new, np.asarray(logsumexp(back, axis=1) - logsumexp(there, axis=1))
 
 
 def fit_mixture(x: Array, rng: np.random.Generator, components: tuple[int, ...] = (1, 2, 4, 8)) -> Mixture:
@@ -61,16 +79,52 @@ def fit_mixture(x: Array, rng: np.random.Generator, components: tuple[int, ...] 
     return Mixture(best.weights, centre + best.means @ root.T, np.einsum("ij,kjl->kil", root, best.roots))
 
 
+def joined(parts: Sequence[Mixture], weights: Array, wide: float = 1.0) -> Mixture:
+    """A mixture of mixtures, each component `wide` times as wide: tails that a proposal lacks hold walkers fast."""
+    return Mixture(
+        np.concatenate([w * m.weights for w, m in zip(weights, parts, strict=True)]),
+        np.concatenate([m.means for m in parts]),
+        np.concatenate([wide * m.roots for m in parts]),
+    )
+
+
+def _shares(x: Array, m: Mixture) -> Array:
+    """Each component's share (n, k) of the density at x."""
+    parts = _log_parts(x, m)
+    return np.asarray(np.exp(parts - logsumexp(parts, axis=1)[:, None]))
+
+
 def _log_parts(x: Array, m: Mixture) -> Array:
     """log weight plus log density of each component, (n, k)."""
-    n, d = x.shape
-    out = np.empty((n, len(m.weights)))
-    for k, (weight, mean, root) in enumerate(zip(m.weights, m.means, m.roots, strict=True)):
-        z = np.linalg.solve(root, (x - mean).T)
-        size = np.sum(np.log(np.diag(root))) + 0.5 * d * np.log(2.0 * np.pi)
-        with np.errstate(divide="ignore"):
-            out[:, k] = np.log(weight) - size - 0.5 * np.einsum("dn,dn->n", z, z)
+    k, d = m.means.shape
+    inverses = np.empty((k, d, d))
+    heights = np.empty(k)
+    with np.errstate(divide="ignore"):
+        for j in range(k):
+            inverses[j] = solve_triangular(m.roots[j], np.eye(d), lower=True, check_finite=False)
+            heights[j] = np.log(m.weights[j]) - np.sum(np.log(np.diag(m.roots[j]))) - 0.5 * d * np.log(2.0 * np.pi)
+    out = np.empty((len(x), k))
+    _parts(np.ascontiguousarray(x), np.ascontiguousarray(m.means), inverses, heights, out)
     return out
+
+
+@njit(cache=True)
+def _parts(x, means, inverses, heights, out):
+    """Each component's log density of points x (n, d), a loop for the few points of a step as for thousands."""
+    n, d = x.shape
+    y = np.empty(d)
+    for j in range(means.shape[0]):
+        inverse = inverses[j]
+        for i in range(n):
+            for a in range(d):
+                y[a] = x[i, a] - means[j, a]
+            total = 0.0
+            for a in range(d):
+                z = 0.0
+                for b in range(a + 1):
+                    z += inverse[a, b] * y[b]
+                total += z * z
+            out[i, j] = heights[j] - 0.5 * total
 
 
 def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = 1e-3) -> Mixture:

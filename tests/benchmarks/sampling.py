@@ -15,12 +15,12 @@ import bayes_dea as bd
 from bayes_dea.assemble import assemble
 from bayes_dea.bench.campaign_writer import write_campaign
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
-from bayes_dea.calibration import reported_quantities
 from bayes_dea.find_map import MapResult, find_map
 from bayes_dea.fit.diagnostics import integrated_time, rank_rhat
 from bayes_dea.fit.ensemble import EnsembleResult, EnsembleSettings, sample
 from bayes_dea.fit.evidence import bridge_log_evidence, laplace_log_evidence, nested_log_evidence
 from bayes_dea.likelihood.posterior import Posterior
+from bayes_dea.quantities import reported_quantities
 
 from .likelihood import spread
 from .problems import creep, waves

@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.assemble import assemble
-from bayes_dea.calibration import CalibrationSettings, _walkers
+from bayes_dea.calibration import CalibrationSettings
 from bayes_dea.campaign import Actuator, Campaign, Recording, Sensor, campaign_from_recordings, recording_from_arrays
 from bayes_dea.checks.sbc import sbc_ranks
 from bayes_dea.find_map import find_map
-from bayes_dea.fit.ensemble import sample
 from bayes_dea.forward import simulate
 from bayes_dea.models.model import Model, build_model
 from bayes_dea.predict_recordings import conditional_gain
+from bayes_dea.sampling import sample_posterior
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def replicate(spec: str, seed: int, index: int, keep: int = 99, design: Design |
     """
     began = time.perf_counter()
     rng = np.random.default_rng([seed, index])
-    r_truth, r_map, r_start, r_sample, r_rank = rng.spawn(5)
+    r_truth, r_map, r_sample, r_rank = rng.spawn(4)
     s = settings or CalibrationSettings()
     model = build_model(spec)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -166,12 +166,7 @@ def replicate(spec: str, seed: int, index: int, keep: int = 99, design: Design |
         assembled = assemble(campaign, model)
         found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), r_map,
                                     s.map)
-        start = _walkers(found, posterior, s, r_start)
-
-        def derived(x: Array) -> dict[str, Array]:
-            return {**posterior.model.reported(posterior.model_part(x)), **posterior.noise_quantities(x)}
-
-        result = sample(posterior.log_prob, start, s.sampler, r_sample, names=posterior.names, derived=derived)
+        result = sample_posterior(posterior, found, s, r_sample).result
     flat = result.by_ensemble()
     # the ensembles in turn, each at even distances
     half = np.array_split(np.arange(keep), flat.shape[0])

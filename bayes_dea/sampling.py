@@ -1,0 +1,162 @@
+"""From the maximum to draws and an evidence: a proposal is learned, then emcee runs until its stopping rule is met."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .emulation import Emulation, emulate
+from .errors import InputError, NotConvergedWarning
+from .find_map import MapResult, laplace_covariance
+from .fit.adapt import adapt
+from .fit.ensemble import EnsembleResult, Progress, sample
+from .fit.evidence import bridge_log_evidence
+from .likelihood.linear_group import LinearGroup
+from .likelihood.metric import metric_at
+from .likelihood.posterior import Posterior
+from .quantities import to_converge
+from .settings import CalibrationSettings
+
+#: called with (phase, done, of, text)
+Report = Callable[[str, float, float, str], None]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """chains of result are inference coordinates; exact: the posterior; emulation: what was sampled in its stead.
+
+    notes: what a reader has to know.
+    """
+
+    result: EnsembleResult = field(repr=False)
+    exact: Posterior = field(repr=False)
+    emulation: Emulation | None = field(repr=False)
+    log_evidence: float
+    log_evidence_se: float
+    notes: tuple[str, ...]
+
+
+def sample_posterior(
+    posterior: Posterior,
+    found: MapResult,
+    settings: CalibrationSettings,
+    rng: np.random.Generator,
+    emulate_with: Sequence[LinearGroup] | None = None,
+    say: Report = lambda *_: None,
+    lap: Callable[[str], None] = lambda _: None,
+    checkpoint: Path | None = None,
+) -> Sampled:
+    """Draws of a posterior around the maximum `found`, and its evidence.
+
+    emulate_with: lag bases of the voltage recordings, for a posterior whose every value is a simulation. say, lap:
+    called with progress and at the end of each phase. checkpoint: file that the sampler keeps while it runs.
+    """
+    s = settings
+    r_start, r_sample, r_evidence = rng.spawn(3)
+    emulation: Emulation | None = None
+    density: Callable[[NDArray], NDArray]
+    back: Callable[[NDArray], NDArray]
+    if emulate_with is not None:
+        say("emulating", 0, 1, "simulations around the maximum")
+        emulation = emulate(
+            posterior, found, emulate_with, r_start, ensembles=s.ensembles, report=lambda *at: say("emulating", *at)
+        )
+        start, proposal, metric = emulation.start, emulation.proposal, None
+        density, back = emulation.log_prob, emulation.shear.inverse
+        shown = emulation.exact
+        lap("emulate")
+    else:
+        say("learning a proposal", 0, 1, "")
+        metric = metric_at(posterior, found.x, found.hessian, r_start)
+        first = first_walkers(found, posterior, s, r_start)
+        adapted = adapt(
+            posterior.log_prob, first, r_start, metric=metric, report=lambda *at: say("learning a proposal", *at)
+        )
+        start, proposal = adapted.walkers, adapted.proposal
+        density, back = posterior.log_prob, _same
+        shown = posterior
+        lap("adapt")
+
+    def on_check(p: Progress) -> None:
+        tau = f"tau {p.tau:.0f}, " if np.isfinite(p.tau) else ""
+        rhat = f"R-hat {p.rhat:.3f}, " if np.isfinite(p.rhat) else ""
+        goal = 60 * p.tau if np.isfinite(p.tau) else p.max_steps
+        text = f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}"
+        say("sampling", min(p.step, goal), max(goal, p.step), text)
+
+    def run(resume_from: Path | None) -> EnsembleResult:
+        return sample(
+            density,
+            start,
+            s.sampler,
+            r_sample,
+            names=posterior.names,
+            report=on_check,
+            derived=lambda y: to_converge(shown, back(y)),
+            checkpoint=checkpoint,
+            resume_from=resume_from,
+            proposal=proposal,
+            metric=metric,
+        )
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotConvergedWarning)
+        warnings.simplefilter("ignore", RuntimeWarning)
+        say("sampling", 0, 1, "")
+        result: EnsembleResult | None = None
+        if checkpoint is not None and checkpoint.exists():
+            try:
+                result = run(checkpoint)
+            except InputError:  # damaged, or of another machine whose last digits differ: worth no more than time
+                result = None
+        if result is None:
+            result = run(None)
+    lap("sample")
+    say("evidence", 0, 1, "bridge sampling")
+    notes: tuple[str, ...] = ()
+    try:
+        log_evidence, se = bridge_log_evidence(density, result.chains, r_evidence, proposal=proposal)
+    except InputError as error:
+        log_evidence = se = float("nan")
+        notes = (f"The evidence could not be estimated ({error}): run the sampler longer (--max-steps).",)
+    result = replace(result, chains=back(result.chains))
+    lap("evidence")
+    return Sampled(result, shown, emulation, log_evidence, se, notes)
+
+
+def _same(x: NDArray) -> NDArray:
+    return x
+
+
+def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:
+    """Start of the ensembles (e, w, d): normal around the MAP, each ensemble widened differently."""
+    d = posterior.dimension
+    walkers = max(s.walkers, 3 * d + (3 * d) % 2)
+    covariance = laplace_covariance(found, posterior, rng)
+    factor = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
+    # where the maximum is a kink the covariance is no guide: a walker far below would stay in a lesser mode for good
+    least = found.log_posterior - 10.0 - 3.0 * d
+    out = np.empty((s.ensembles, walkers, d))
+    for e in range(s.ensembles):
+        width = 1.2 if e % 2 == 0 else 0.8
+        good = np.zeros(walkers, bool)
+        for _ in range(60):
+            need = np.flatnonzero(~good)
+            if not need.size:
+                break
+            out[e, need] = found.x + width * rng.standard_normal((need.size, d)) @ factor.T
+            good[need] = posterior.log_prob(out[e, need]) > least
+            width *= 0.9
+    return out
+
+
+def thinned(sampling: EnsembleResult, count: int) -> NDArray:
+    """(ensemble, draw, d), evenly spaced over each ensemble's draws."""
+    chains = sampling.by_ensemble()
+    per = max(1, min(chains.shape[1], count // chains.shape[0]))
+    return chains[:, np.linspace(0, chains.shape[1] - 1, per).astype(int)]
