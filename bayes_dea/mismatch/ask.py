@@ -165,6 +165,48 @@ def separation(a: Fit, b: Fit, p: Proposal, actuator: Actuator) -> float:
     return max(0.0, 0.5 * float(np.sum((w * d) ** 2) - g @ x))
 
 
+def first_experiment(base: Fit, actuator: Actuator) -> dict[str, Any]:
+    """The experiment that teaches most of the model itself, an hour: for recordings that tell nothing yet.
+
+    Information is half the log of one plus the squared size in sds that each parameter's posterior still moves the
+    answer by, its mean taken out; parameters are counted as if independent.
+    """
+    best: tuple[float, float, Proposal] | None = None
+    sd = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
+    for p in menu(actuator):
+        if p.column != "voltage_V":
+            continue
+        plain = answer(base, p, actuator)
+        if plain is None:
+            continue
+        y, weight = plain
+        sigma, rho = base.noise.sigma["displacement"], base.noise.rho["displacement"][0]
+        w = weight / (sigma**2 * max((1 + rho) / (1 - rho), 1e-3))
+        nats = 0.0
+        for i in range(base.problem.model.dimension):
+            q = base.q.copy()
+            h = min(float(sd[i]), 1.0)
+            q[i] += h
+            moved = answer(base, p, actuator, q)
+            if moved is not None and moved[0].size == y.size:
+                d = moved[0] - y
+                d = d - float(w @ d / w.sum())
+                nats += 0.5 * math.log1p(float(w @ d**2))
+        rate = nats * 3600.0 / p.cost_s
+        if best is None or rate > best[0]:
+            best = (rate, nats, p)
+    if best is None:
+        return {"why": "no experiment of the menu has an answer", "recording": {}}
+    rate, nats, p = best
+    return {
+        "why": f"the recordings at hand tell too little of the model itself: about {nats:.3g} nats expected",
+        "recording": {"kind": p.kind, **p.settings},
+        "expected_information_nats": nats,
+        "cost_s": p.cost_s,
+        "nats_per_hour": rate,
+    }
+
+
 def next_experiment(fits: list[Fit], names: list[str], actuator: Actuator) -> dict[str, Any]:
     """The experiment with the largest expected separation of the two likeliest explanations per hour."""
     if len(fits) < 2:

@@ -22,8 +22,7 @@ def _map() -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(map(float, table["raw"])), tuple(map(float, table["confidence"]))
 
 
-def calibrated(raw: float, verdict: str) -> float:
+def calibrated(raw: float) -> float:
     """Confidence of a verdict from its raw probability."""
-    del verdict
     x, y = _map()
     return float(np.clip(np.interp(raw, x, y), 0.0, 1.0))

@@ -19,23 +19,34 @@ from ..find_map import MapSettings, find_map
 from ..fit.swarm import SwarmSettings
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
-from .ask import next_experiment
+from .ask import first_experiment, next_experiment
+from .clipped import Limit, below, cut_out, expectations, lost_m, restored, sensor_limit
 from .confidence import calibrated
 from .features import Features, features
-from .locate import excess_by, where
-from .name import MAINS, NONE, UNKNOWN, Explanation, Naming, name_physics
+from .locate import excess_by, scan, where
+from .mains import mains_probability
+from .name import ADEQUATE, MAINS, NONE, UNKNOWN, Explanation, Naming, extended, name_physics, prior_odds
 from .noise_prior import NoisePrior, noise_prior
+from .outliers import false_reading_warning, false_readings, without
 from .problem import Problem
 from .prove import HeldOut, held_out
-from .reduced import reduce_campaign
+from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
+from .reread import Rereading, held_out_gains, hold_note, odd_note, odd_one_out, other_holds, stated_hold, with_hold
 from .unknown import repair
-from .words import statement
+from .weigh import Screened
+from .words import silent_note, statement
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
 #: what is not coherent over one resolution step is not claimed where no resolution is stated
 _RESOLUTION_M = 0.15e-6
+#: how often a fit is made again because it showed false readings
+_ROUNDS = 3
+#: nats by which another hold convention must be ahead to be taken before effects are weighed
+_BY_FAR = 100.0
+#: recordings that would show less than this share of the effects, however strong, tell nothing
+_SILENT = 0.25
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,8 @@ def diagnose(
 
     r_map, r_name = np.random.default_rng(seed).spawn(2)
     say("reading noise", 0, 1, campaign.name)
-    assembled = assemble(campaign, model, s.workers)
+    limit = sensor_limit(campaign)
+    assembled = assemble(campaign if limit is None else cut_out(campaign, limit), model, s.workers)
     lap("assemble")
     say("fitting", 0, 1, model.name)
     found, posterior = find_map(
@@ -116,35 +128,88 @@ def diagnose(
     base = refit(problem, q0, prior.start(), prior)
     if base is None:
         raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
+    seen = _Seen(base, pieces, prior)
+    if limit is not None:
+        seen.keep_below(limit)
+    for _ in range(_ROUNDS):
+        base = seen.base
+        if not seen.spoiled(base):
+            break
+        seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
     lap("reduce")
-    looks = [features(p) for p in problem.pieces]
     resolution = _resolution(campaign)
-    naming = name_physics(
-        base,
-        campaign,
-        prior,
-        looks,
-        r_name,
-        resolution_m=resolution,
-        overrides=priors,
-        report=say,
-        most_effects=s.most_effects,
-    )
+
+    def named() -> Naming:
+        memory: dict[str, Screened] = {}
+        for last in range(_ROUNDS, -1, -1):
+            base = seen.base
+            found = name_physics(
+                base,
+                campaign,
+                prior,
+                [features(p) for p in base.problem.pieces],
+                r_name,
+                resolution_m=resolution,
+                overrides=priors,
+                report=say,
+                most_effects=s.most_effects,
+                spoiled=seen.spoiled if last else None,
+                established=("sensor_clipping",) if limit is not None else (),
+                memory=memory,
+            )
+            if found is not None:
+                break
+            seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
+        assert found is not None
+        return found
+
+    retimed = _retimed(seen.base, prior, r_name)
+    if retimed is not None:
+        seen.take(retimed)
+    naming = named()
+    reread = _reread(naming, prior, r_name)
+    if reread is not None:
+        say("reading the campaign again", 0, 1, reread.odd or f"hold = {reread.hold}")
+        seen.take(reread)
+        naming = named()
+    base = naming.none.weighed.fit
+    looks = [features(p) for p in base.problem.pieces]
     lap("name")
-    verdict, raw = _verdict(naming, assembled, resolution)
     best = naming.best
-    corrected = best.weighed.fit if verdict not in (NONE, MAINS) else base
+    facts = _facts(best.weighed.fit, seen.pieces, limit, resolution)
+    verdict, raw, physics = _verdict(naming, facts)
+    corrected = best.weighed.fit if physics[verdict] != NONE else base
     mended = None
     if verdict == UNKNOWN:
         mended = repair(best, looks)
     say("proving", 0, 1, "recordings kept for validation")
-    proof, how = _proof(assembled, base, corrected, pieces, prior)
+    seen.spoiled(corrected, identify=False)
+    clip = limit.value_m if limit is not None and "sensor_clipping" in verdict.split("+") else math.inf
+    scored = seen.pieces
+    if limit is not None:
+        whole = {p.name: p for p in restored([p for p in scored if not p.identify], campaign, limit)}
+        scored = tuple(whole.get(p.name, p) for p in scored)
+    proof, how = _proof(base, corrected, scored, prior, clip)
     lap("prove")
     say("asking", 0, 1, "the next experiment")
-    members = _indistinguishable(naming, verdict, raw)
-    ask = _ask(naming, members, campaign, base)
+    members = _indistinguishable(verdict, raw)
+    ask = _ask(naming, [physics[m] for m in members], base)
+    if _silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
+        ask = first_experiment(base, base.problem.pieces[0].recording.actuator)
     lap("ask")
-    summary = _summary(assembled, naming, verdict, raw, members, proof, how, ask, looks, mended, seed, campaign, model)
+    notes = [*seen.notes]
+    if verdict != UNKNOWN:
+        notes += held_out_gains(corrected, tuple(p for p in scored if not p.identify))
+    assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
+    summary = _summary(
+        assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model
+    )
+    # file names keep their letters
+    summary["statement"] = " ".join([*(f"{n}." for n in notes), summary["statement"]])
+    if seen.odd is not None:
+        _say_odd(summary["mismatch"], seen.odd, campaign)
+    if clip < math.inf and limit is not None:
+        _say_where(summary["mismatch"], limit, restored(pieces, campaign, limit))
     lap("write")
     summary["seconds"] = time.perf_counter() - began
     summary["seconds_by"] = laps
@@ -156,28 +221,122 @@ def _resolution(campaign: Campaign) -> float:
     return sensor.resolution if sensor is not None and sensor.resolution else _RESOLUTION_M
 
 
-def _mains(assembled: Assembled, resolution: float) -> float:
-    """Largest amplitude of a mains line found on a displacement, in m; 0 where none exceeds the resolution."""
-    found = [
-        p.mains.amplitude
-        for p in assembled.prepared
-        if p.mains is not None and p.channel == "displacement" and p.recording.role == "identify"
-    ]
-    largest = max(found, default=0.0)
-    return float(largest) if largest > resolution else 0.0
+@dataclass(frozen=True)
+class Fact:
+    """An effect that the readings show by themselves, whatever the physics: its probability and its parameters."""
+
+    name: str
+    probability: float
+    parameters: dict[str, dict[str, Any]]
 
 
-def _verdict(naming: Naming, assembled: Assembled, resolution: float) -> tuple[str, dict[str, float]]:
-    """The likeliest name, and the probabilities with mains in its place."""
-    p = dict(naming.probability)
-    if _mains(assembled, resolution) > 0:
-        # every hypothesis carries the line in its noise; by itself it is what was left out
-        p[MAINS] = p.pop(NONE)
-        p[NONE] = 0.0
-    return max(p, key=lambda k: p[k]), p
+def _facts(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution: float) -> list[Fact]:
+    out = [Fact(MAINS, mains_probability(fit, resolution), {})]
+    if limit is not None:
+        lost = lost_m(expectations(fit, pieces), pieces, limit)
+        value, sd = limit.value_m, limit.sd_m
+        spread = {"mean": value, "sd": sd, "q05": value - 1.5588 * sd, "q50": value, "q95": value + 1.5588 * sd}
+        own = {"y_max_m": {**spread, "unit": "m", "map": value, "contraction": 1.0}}
+        out.append(Fact("sensor_clipping", 1.0 if lost >= resolution else 0.0, own))
+    return [f for f in out if f.probability > 0]
 
 
-def _indistinguishable(naming: Naming, verdict: str, p: dict[str, float]) -> list[str]:
+def _verdict(naming: Naming, facts: list[Fact]) -> tuple[str, dict[str, float], dict[str, str]]:
+    """The likeliest name, the probabilities with what is established joined on, and the physics behind each name."""
+    p = _as_before(naming) if _silent(naming) else dict(naming.probability)
+    physics = {k: k for k in p}
+    for fact in facts:
+        # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out
+        for name in list(p):
+            if name == UNKNOWN:
+                continue
+            joined = _joined(name, fact.name)
+            p[joined], p[name] = p[name] * fact.probability, p[name] * (1.0 - fact.probability)
+            physics[joined] = physics[name]
+    p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
+    return max(p, key=lambda k: p[k]), p, physics
+
+
+def _joined(name: str, more: str) -> str:
+    """Names of effects in the order of their stages."""
+    order = list(registered_effects())
+    return "+".join(sorted({*(name.split("+") if name != NONE else []), more}, key=order.index))
+
+
+def _retimed(base: Fit, prior: NoisePrior, rng: np.random.Generator) -> Rereading | None:
+    """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that."""
+    if scan(base, rng).p_value > ADEQUATE:
+        return None
+    found = [r for r in other_holds(base, prior, rng) if r.base.log_evidence > base.log_evidence + _BY_FAR]
+    return max(found, key=lambda r: r.log_weight) if found else None
+
+
+def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator) -> Rereading | None:
+    """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
+    if naming.none.adequate:
+        return None
+    found = [*other_holds(naming.none.weighed.fit, prior, rng), *odd_one_out(naming.none.weighed.fit, prior, rng)]
+    if not naming.best.adequate and naming.best is not naming.none:
+        found += odd_one_out(naming.best.weighed.fit, prior, rng)
+    if not found:
+        return None
+    top = max(found, key=lambda r: r.log_weight)
+    # "unknown" takes what nothing else explains; another reading does
+    rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
+    return top if top.log_weight > rival or not naming.best.adequate else None
+
+
+class _Seen:
+    """The base fit and the pieces, false readings masked as fits make them visible."""
+
+    def __init__(self, base: Fit, pieces: tuple[Piece, ...], prior: NoisePrior) -> None:
+        self.base, self.pieces, self.prior = base, pieces, prior
+        self.warnings: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.odd: Rereading | None = None
+        self._rows: dict[str, NDArray[np.bool_]] = {}
+
+    def take(self, r: Rereading) -> None:
+        """Go on with another reading of the campaign."""
+        if r.hold:
+            self.notes.append(hold_note(r.hold, stated_hold(self.pieces)))
+            self.pieces = tuple(with_hold(p, r.hold) for p in self.pieces)
+        else:
+            self.odd = r
+            self.notes.append(odd_note(r))
+            self.pieces = tuple(p for p in self.pieces if p.name != r.odd)
+        by_name = {p.name: p for p in self.pieces}
+        used = tuple(by_name[p.name] for p in self.base.problem.pieces if p.name in by_name)
+        plain = self.base.problem.model
+        moved = replace(self.base, problem=replace(self.base.problem, pieces=used))
+        if r.base.problem.model.name == plain.name:
+            moved = replace(r.base, problem=replace(r.base.problem, pieces=used))
+        self.base = refit(moved.problem, moved.q, moved.noise, self.prior) or moved
+
+    def keep_below(self, limit: Limit) -> None:
+        """Leave out the rows whose expected reading the end of the sensor's range reaches."""
+        for _ in range(2):
+            masked = {p.name: p for p in below([p for p in self.pieces if p.identify], limit, self.base)}
+            self.pieces = tuple(masked.get(p.name, p) for p in self.pieces)
+            problem = replace(self.base.problem, pieces=tuple(masked[p.name] for p in self.base.problem.pieces))
+            self.base = refit(problem, self.base.q, self.base.noise, self.prior) or self.base
+
+    def spoiled(self, fit: Fit, identify: bool = True) -> bool:
+        """Whether a fit shows false readings; they are masked then."""
+        rows = false_readings(fit, [p for p in self.pieces if p.identify == identify])
+        if not rows:
+            return False
+        self.pieces = without(self.pieces, rows)
+        for name, found in rows.items():
+            self._rows[name] = self._rows.get(name, np.zeros_like(found)) | found
+        by_name = {p.name: p for p in self.pieces}
+        self.warnings = {n: false_reading_warning(by_name[n], r) for n, r in self._rows.items()}
+        used = tuple(by_name[p.name] for p in self.base.problem.pieces)
+        self.base = replace(self.base, problem=replace(self.base.problem, pieces=used))
+        return True
+
+
+def _indistinguishable(verdict: str, p: dict[str, float]) -> list[str]:
     """The smallest set with 99 % of the probability, the verdict first."""
     order = [verdict, *sorted((k for k in p if k != verdict), key=lambda k: -p[k])]
     out, total = [], 0.0
@@ -190,12 +349,12 @@ def _indistinguishable(naming: Naming, verdict: str, p: dict[str, float]) -> lis
 
 
 def _proof(
-    assembled: Assembled, base: Fit, corrected: Fit, pieces: tuple[Any, ...], prior: Any
+    base: Fit, corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit_m: float = math.inf
 ) -> tuple[list[HeldOut], str]:
     """Held-out scores on the recordings to validate, or leaving out those to identify in turn."""
     held = tuple(p for p in pieces if not p.identify)
     if held:
-        return held_out(base, corrected, held), "validate"
+        return held_out(base, corrected, held, limit_m), "validate"
     if len(base.problem.pieces) < 2:
         return [], "none"
     return leave_out_in_turn(base, corrected, prior), "left out in turn"
@@ -215,10 +374,27 @@ def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior) -> list[Held
     return out
 
 
-def _ask(naming: Naming, members: list[str], campaign: Campaign, base: Fit) -> dict[str, Any]:
+def _silent(naming: Naming) -> bool:
+    """Whether these recordings would show hardly any effect even where it is strong."""
+    screened = len(naming.weighed)
+    return screened > 0 and len(naming.visible) < _SILENT * screened
+
+
+def _as_before(naming: Naming) -> dict[str, float]:
+    """Probabilities where what these recordings could not show at any strength is as probable as it was before."""
+    odds = prior_odds()
+    singles = [n for n in naming.weighed if "+" not in n]
+    p = {NONE: odds["none"], UNKNOWN: odds["unknown"], **{n: odds["single"] / len(singles) for n in singles}}
+    for name in naming.visible:
+        p[name] = naming.probability.get(name, 0.0)
+    total = sum(p.values())
+    return {k: v / total for k, v in p.items()}
+
+
+def _ask(naming: Naming, members: list[str], base: Fit) -> dict[str, Any]:
     fits, names = [], []
-    for name in members[:2]:
-        fit = base if name in (NONE, MAINS) else naming.weighed[name].fit if name in naming.weighed else None
+    for name in list(dict.fromkeys(members))[:2]:
+        fit = base if name == NONE else naming.weighed[name].fit if name in naming.weighed else None
         if fit is not None:
             fits.append(fit)
             names.append(name)
@@ -233,6 +409,8 @@ def _summary(
     naming: Naming,
     verdict: str,
     p: dict[str, float],
+    physics: dict[str, str],
+    facts: list[Fact],
     members: list[str],
     proof: list[HeldOut],
     how: str,
@@ -245,18 +423,21 @@ def _summary(
 ) -> dict[str, Any]:
     none = naming.none
     detected = none.scan.detected
-    confidence = calibrated(p[verdict], verdict)
+    confidence = calibrated(p[verdict])
     hypotheses = []
     for name in sorted(p, key=lambda k: -p[k]):
         entry: dict[str, Any] = {
             "name": name,
             "probability": p[name],
-            "log_evidence": naming.log_evidence.get(NONE if name == MAINS else name),
-            "log_evidence_se": naming.log_evidence_se.get(NONE if name == MAINS else name),
+            "log_evidence": naming.log_evidence.get(physics[name]),
+            "log_evidence_se": naming.log_evidence_se.get(physics[name]),
             "parameters": {},
         }
-        if name in naming.weighed:
-            entry["parameters"] = own_parameters(naming.weighed[name].fit, model)
+        if physics[name] in naming.weighed:
+            entry["parameters"] = own_parameters(naming.weighed[physics[name]].fit, model)
+        for fact in facts:
+            if fact.name in name.split("+"):
+                entry["parameters"] |= fact.parameters
         hypotheses.append(entry)
     out: dict[str, Any] = {
         "model": model.name,
@@ -275,10 +456,11 @@ def _summary(
         "hypotheses": hypotheses,
         "proof": proof_summary(proof, how),
         "next_experiment": ask,
-        "corrected_model": naming.best.weighed.fit.problem.model.name if verdict not in (NONE, MAINS) else model.name,
+        "corrected_model": _corrected(model, naming, verdict, physics),
         "adequate": naming.best.adequate,
         "adequacy_p_value": naming.best.scan.p_value,
         "skipped": naming.skipped,
+        "not_visible": sorted(n for n in naming.weighed if "+" not in n and n not in naming.visible),
         "seed": seed,
         "version": __version__,
         "inputs": campaign.inputs,
@@ -292,8 +474,57 @@ def _summary(
             if proof
             else "there is one recording only: nothing is left to prove the verdict on; record a second one"
         )
-    out["statement"] = statement(out, naming, assembled)
+    out["statement"] = statement(out, naming, assembled, physics[verdict])
+    if _silent(naming):
+        note = silent_note(out)
+        out["warnings"].insert(0, note)
+        out["statement"] = f"{note[0].upper()}{note[1:]}."
     return out
+
+
+def _corrected(model: Model, naming: Naming, verdict: str, physics: dict[str, str]) -> str:
+    """SPEC of the repaired model; mains is part of every noise model and needs no name."""
+    if verdict == UNKNOWN:
+        return naming.best.weighed.fit.problem.model.name
+    names = [n for n in verdict.split("+") if n not in (NONE, MAINS)]
+    if not names:
+        return model.name
+    mended = extended(model, names, {})
+    return mended.name if mended is not None else model.name
+
+
+def _say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:
+    """Put a recording of another actuator into the "mismatch" of a summary."""
+    t = next(r for r in campaign.recordings if r.name == odd.odd).time_s
+    excess = abs(odd.ratio - 1.0) / max(odd.ratio_se, 5e-4)
+    mismatch["detected"] = True
+    mismatch["p_value"] = min(mismatch["p_value"], max(math.erfc(excess / math.sqrt(2)), 1e-300))
+    what = "of another actuator: left out"
+    row = {"recording": odd.odd, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
+           "excess": round(excess, 2)}  # fmt: skip
+    mismatch["where"] = [row, *mismatch["where"]]
+
+
+def _say_where(mismatch: dict[str, Any], limit: Limit, pieces: tuple[Piece, ...]) -> None:
+    """Put the readings at the end of the sensor's range into the "mismatch" of a summary."""
+    rows = []
+    for piece in pieces:
+        at = np.flatnonzero(limit.at(piece)) if piece.channel == "displacement" else np.empty(0, dtype=int)
+        if at.size:
+            t = piece.recording.time_s
+            rows.append(
+                {
+                    "recording": piece.name,
+                    "t_start_s": float(t[at[0]]),
+                    "t_end_s": float(t[at[-1]]),
+                    "what": f"{at.size} readings at the end of the sensor's range",
+                    "excess": round(math.sqrt(at.size), 2),
+                }
+            )
+    mismatch["detected"] = True
+    # each of them would have to be the highest value by chance, a half at most
+    mismatch["p_value"] = max(min(mismatch["p_value"], 0.5 ** min(limit.readings, 900)), 1e-300)
+    mismatch["where"] = [*rows, *mismatch["where"]]
 
 
 def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:

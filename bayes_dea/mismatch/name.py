@@ -18,14 +18,14 @@ from scipy.special import logsumexp
 from ..campaign.schema import Campaign
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
-from ..priors import prior_folder
+from ..priors import Prior, prior_folder
 from .discrepancy import Discrepancy, basis, discrepancy
 from .features import Features
 from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
-from .slow_start import slow_start
-from .weigh import Frame, Screened, Weighed, escape, refine, screen
+from .slow_start import LIMITS, low_start, slow_start
+from .weigh import Frame, Screened, Weighed, escape, moved_to, refine, screen
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -35,8 +35,17 @@ NONE, UNKNOWN, MAINS = "none", "unknown", "mains_pickup"
 ADEQUATE = 1e-3
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
 _REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
+#: an effect could be seen where its likelihood varies by so many nats over its grid
+_VISIBLE = 5.0
 #: how many of the leading ones are searched around
 _ESCAPES = 4
+
+
+#: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
+#: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)
+VARIANTS: dict[str, dict[str, Prior]] = {
+    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e6, 1e12)},
+}
 
 
 @dataclass(frozen=True)
@@ -63,8 +72,10 @@ class Naming:
     log_evidence: dict[str, float]
     log_evidence_se: dict[str, float]
     probability: dict[str, float]
+    log_weight: dict[str, float]  # log evidence and log prior, not normalised
     explanations: dict[str, Explanation] = field(repr=False)
     skipped: dict[str, str] = field(default_factory=dict)
+    visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
 
 
 def prior_odds() -> dict[str, float]:
@@ -74,12 +85,19 @@ def prior_odds() -> dict[str, float]:
     return {k: float(v) for k, v in table["prior_odds"].items()}
 
 
-def candidates(base: Model, campaign: Campaign, channels: set[str]) -> tuple[list[str], dict[str, str]]:
-    """Effects that may be added to the base on these recordings, and why the others may not."""
+def candidates(
+    base: Model, campaign: Campaign, channels: set[str], established: Sequence[str] = ()
+) -> tuple[list[str], dict[str, str]]:
+    """Effects that may be added to the base on these recordings, and why the others may not.
+
+    established: effects that the readings themselves have shown already.
+    """
     out, skipped = [], {}
     for name, effect in registered_effects().items():
         if name in base.spec.effects:
             skipped[name] = "is in the model already"
+        elif name in established:
+            skipped[name] = "is established by the readings themselves"
         elif name == MAINS:
             continue  # part of the noise model of every hypothesis
         elif "displacement" not in channels and "mechanical" not in effect.acts_on:
@@ -142,8 +160,15 @@ def name_physics(
     overrides: Mapping[str, object] | None = None,
     report: Report | None = None,
     most_effects: int = 3,
-) -> Naming:
-    """Weigh all hypotheses on the recordings to identify."""
+    spoiled: Callable[[Fit], bool] | None = None,
+    established: Sequence[str] = (),
+    memory: dict[str, Screened] | None = None,
+) -> Naming | None:
+    """Weigh all hypotheses on the recordings to identify.
+
+    spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
+    to be made clean first, and None is returned.
+    """
     say = report or (lambda *_: None)
     columns = basis(base, looks)
     model = base.problem.model
@@ -151,9 +176,19 @@ def name_physics(
     none = explain(
         Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior, [f.fit.q for f in frames[1:]]
     )
-    names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces})
+    names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces}, established)
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
-    weighed = _singles(base, frames, model, names, prior, given, say)
+    low = None
+    if not none.adequate and any(n in LIMITS for n in names):
+        level = typical(base)
+        level[model.dimension + base.problem.zero_mean.size :] = 0.0
+        low = low_start(base, prior, [level])
+    limited = [] if low is None else [Frame(replace(low, noise=prior.start()), far=True)]
+    found = _singles([*frames, *limited], len(frames), model, names, given, say, memory)
+    visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
+    weighed = _refined(base, found, prior, say, 2, spoiled)
+    if weighed is None:
+        return None
     explanations = {NONE: none}
     odds = prior_odds()
 
@@ -164,6 +199,8 @@ def name_physics(
     best = none
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
         say("checking what is left", 0, 1, ranked[0].name)
+        if spoiled is not None and spoiled(ranked[0].fit):
+            return None
         best = explain(ranked[0], looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # more than one effect, where one is not enough
@@ -180,6 +217,8 @@ def name_physics(
         top = max(more, key=lambda w: w.log_evidence)
         if top.log_evidence < best.weighed.log_evidence + 3.0 + math.log(odds["single"] / odds["double"]):
             break
+        if spoiled is not None and spoiled(top.fit):
+            return None
         best = explain(top, looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # what explains less than the resolution is not claimed as physics
@@ -198,7 +237,7 @@ def name_physics(
     total = float(logsumexp(list(log_p.values())))
     probability = {k: math.exp(v - total) for k, v in log_p.items()}
     probability = _with_adequacy(probability, best)
-    return Naming(none, best, weighed, evidence, error, probability, explanations, skipped)
+    return Naming(none, best, weighed, evidence, error, probability, log_p, explanations, skipped, visible)
 
 
 def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:
@@ -214,63 +253,92 @@ def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str
     return out
 
 
+def typical(base: Fit) -> Array:
+    """Coordinates (d,) in the middle of the priors of the model, the rest as in a fit."""
+    q = base.q.copy()
+    model = base.problem.model
+    d = model.dimension
+    q[:d] = model.from_prior_coordinates(model.priors.transform(np.full((1, d), 0.5)))[0]
+    return q
+
+
 def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
     """Where the base may be moved along from: its maximum, and its fit to what is slow."""
-    typical = base.q.copy()
-    d = base.problem.model.dimension
-    model = base.problem.model
-    typical[:d] = model.from_prior_coordinates(model.priors.transform(np.full((1, d), 0.5)))[0]
-    slow = slow_start(base, looks, prior, [typical])
+    slow = slow_start(base, looks, prior, [typical(base)])
     quiet = prior.start()  # the noise of a wrong model has grown
     return [Frame(replace(f, noise=quiet)) for f in (base, slow) if f is not None]
 
 
-def _refined(base: Fit, screened: list[Screened], prior: NoisePrior, say: Report, starts: int) -> dict[str, Weighed]:
+def _refined(
+    base: Fit,
+    screened: list[Screened],
+    prior: NoisePrior,
+    say: Report,
+    starts: int,
+    spoiled: Callable[[Fit], bool] | None = None,
+) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
+
+    None where the first of them shows readings that are false.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
     """
     out: dict[str, Weighed] = {}
-    by_name = {"+".join(s.effects): s for s in screened}
+    of: dict[str, Screened] = {}
     reached = 0.0
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
         promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
-        w = refine(base, s, prior, starts) if promising else None
+        # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
+        further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
+        w = refine(base, s, prior, 1 if further else starts) if promising else None
         if w is not None:
             reached = max(reached, base.objective - w.fit.objective)
-        out[name] = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
+            if k == 0 and spoiled is not None and spoiled(w.fit):
+                return None
+        w = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
+        # of two laws of one effect the likelier stands for it
+        if name not in out or w.log_evidence > out[name].log_evidence:
+            out[name], of[name] = w, s
     settled: set[str] = set()
     for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
         leading = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)[:2]
         waiting = [n for n in leading if n not in settled]
         if not waiting:
             break
-        out[waiting[0]] = escape(base, by_name[waiting[0]], out[waiting[0]], prior)
+        out[waiting[0]] = escape(base, of[waiting[0]], out[waiting[0]], prior)
         settled.add(waiting[0])
     return out
 
 
 def _singles(
-    base: Fit,
     frames: list[Frame],
+    common: int,
     model: Model,
     names: list[str],
-    prior: NoisePrior,
     overrides: Mapping[str, object],
     say: Report,
-) -> dict[str, Weighed]:
-    """All single effects: a grid for each, a refit for the promising ones."""
+    memory: dict[str, Screened] | None,
+) -> list[Screened]:
+    """All single effects on their grids; those that are limits also from the frames beyond the `common` ones."""
     found = []
     for k, name in enumerate(names):
         say("weighing hypotheses", k, len(names), name)
-        m = extended(model, [name], overrides)
-        s = screen(frames, m, (name,)) if m is not None else None
-        if s is not None:
-            found.append(s)
-    return _refined(base, found, prior, say, 2)
+        own = frames if name in LIMITS else frames[:common]
+        for variant in ({}, VARIANTS[name]) if name in VARIANTS else ({},):
+            key = "+".join([name, *variant])
+            known = memory.get(key) if memory is not None else None
+            s = moved_to(known, own) if known is not None else None
+            if s is None:
+                m = extended(model, [name], {**overrides, **variant})
+                s = screen(own, m, (name,)) if m is not None else None
+            if s is not None:
+                found.append(s)
+                if memory is not None:
+                    memory[key] = s
+    return found
 
 
 def _beside(
@@ -288,4 +356,4 @@ def _beside(
         s = screen([frame], m, effects, sparse=True) if m is not None else None
         if s is not None:
             found.append(s)
-    return list(_refined(best.fit, found, prior, say, 1).values())
+    return list((_refined(best.fit, found, prior, say, 1) or {}).values())

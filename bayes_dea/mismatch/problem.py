@@ -51,10 +51,6 @@ class Whitened:
         cross = self.columns @ self.nuisance.T
         return self.columns @ self.columns.T - cross @ self.coupling
 
-    def projected(self) -> Array:
-        """Columns (k, nb) without the fitted nuisance."""
-        return self.columns - self.coupling.T @ self.nuisance
-
 
 def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
     """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""

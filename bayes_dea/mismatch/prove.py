@@ -33,17 +33,21 @@ class HeldOut:
     time_s: Array
 
 
-def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...]) -> list[HeldOut]:
-    """Score pieces under two fits, each with its own offset, gain and mains line."""
+def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf) -> list[HeldOut]:
+    """Score pieces under two fits, each with its own offset, gain and mains line.
+
+    limit_m: end of the displacement sensor's range, which the second fit takes into account.
+    """
     problems = [replace(f.problem, pieces=pieces) for f in (before, after)]
     rows = [p.rows(f.q) for p, f in zip(problems, (before, after), strict=True)]
     means = [p.clean(f.q) for p, f in zip(problems, (before, after), strict=True)]
     out = []
     for i, piece in enumerate(pieces):
         scored = []
-        for fit, x, m in zip((before, after), rows, means, strict=True):
-            rest = own_offset_and_gain(piece, x[i])
-            scored.append((rest, _log_density(fit, piece, m[i])))
+        for fit, x, m, end in zip((before, after), rows, means, (math.inf, limit_m), strict=True):
+            end = end if piece.channel == "displacement" else math.inf
+            rest = own_offset_and_gain(piece, x[i], end)
+            scored.append((rest, _log_density(fit, piece, _cut(piece, x[i], m[i], end))))
         (r0, e0), (r1, e1) = scored
         masked = ~piece.prepared.observed
         out.append(
@@ -64,15 +68,42 @@ def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...]) -> list[HeldOut
     return out
 
 
-def own_offset_and_gain(piece: Piece, x: Array) -> Array:
-    """Residual (n,) after the recording's own gain, offset and mains by least squares; nan without a reading."""
+def own_offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> Array:
+    """Residual (n,) after the recording's own gain, offset and mains by least squares; nan without a reading.
+
+    limit_m: end of the sensor's range; rows whose reading it cut are predicted by it and do not enter the fit.
+    """
+    p = piece.prepared
+    expected, _ = offset_and_gain(piece, x, limit_m)
+    return np.where(p.observed, p.y - np.minimum(expected, limit_m), np.nan)
+
+
+def offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> tuple[Array, tuple[float, float]]:
+    """Expected readings (n,) with the recording's own gain, offset and mains by least squares; (gain, offset)."""
     p = piece.prepared
     A = np.concatenate([x[:, None], p.nuisance()], axis=1)
     scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
     A = A / scale
     good = p.observed
-    c, *_ = np.linalg.lstsq(A[good], p.y[good], rcond=None)
-    return np.where(good, p.y - A @ c, np.nan)
+    c = np.zeros(A.shape[1])
+    for _ in range(3 if math.isfinite(limit_m) else 1):
+        c, *_ = np.linalg.lstsq(A[good], p.y[good], rcond=None)
+        # rows expected at the limit or above tell no more than that
+        rest = p.y[good] - A[good] @ c
+        good = p.observed & (A @ c < limit_m - 3.0 * float(np.sqrt(np.mean(rest**2))))
+        if good.sum() < 20:
+            break
+    return A @ c, (float(c[0] / scale[0]), float(c[1] / scale[1]))
+
+
+def _cut(piece: Piece, x: Array, means: Array, limit_m: float) -> Array:
+    """Block means of the model's output with the sensor's range ended, in the unit of the output."""
+    if not math.isfinite(limit_m):
+        return means
+    _, (gain, offset) = offset_and_gain(piece, x, limit_m)
+    if gain <= 0:
+        return means
+    return np.asarray(block_means(np.minimum(x, (limit_m - offset) / gain), piece.blocks, ~piece.prepared.observed))
 
 
 def _rms(residual: Array) -> float:

@@ -111,17 +111,42 @@ def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
     return tuple(out)
 
 
+def again(piece: Piece, prepared: Prepared) -> Piece:
+    """A piece of a voltage recording whose masks have changed: blocks, means and averages made anew."""
+    assert piece.nodes is not None
+    b = _voltage_blocks(prepared)
+    masked = ~prepared.observed
+    return replace(
+        piece,
+        prepared=prepared,
+        blocks=b,
+        y=block_means(np.where(masked, 0.0, prepared.y), b, masked),
+        nuisance=block_means(prepared.nuisance().T, b, masked),
+        averaging=averaging(piece.nodes, prepared.recording.time_s, b, prepared.observed),
+    )
+
+
+def renoded(piece: Piece, prepared: Prepared, nodes: Nodes, past: Nodes | None) -> Piece:
+    """A piece of a voltage recording whose command is read in another way."""
+    rows = averaging(nodes, prepared.recording.time_s, piece.blocks, prepared.observed)
+    return replace(piece, prepared=prepared, nodes=nodes, past=past, averaging=rows)
+
+
 def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
     """(channel, specimen) of every gain."""
     return list(dict.fromkeys((p.channel, p.recording.specimen) for p in assembled.prepared))
 
 
-def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: list[Recording]) -> Piece:
+def _voltage_blocks(p: Prepared) -> Blocks:
     u = filled_input(p.recording.columns["voltage_V"])
-    masked = ~p.observed
     gap = ~np.isfinite(p.y)
     y = np.where(gap, np.nan, p.y)
-    blocks = log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=y, mask=masked & ~gap)
+    return log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=y, mask=~p.observed & ~gap)
+
+
+def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: list[Recording]) -> Piece:
+    masked = ~p.observed
+    blocks = _voltage_blocks(p)
     nodes = make_nodes(p.recording)
     return Piece(
         p,

@@ -1,8 +1,13 @@
-"""A fit of the base to what is slow in the recordings.
+"""Fits of the base to a part of the recordings that what was left out hardly touches.
+
+Slow: what is slow in the recordings.
 
 A model without the effect often bends a fast branch to imitate it (a resistance becomes a mode of four milliseconds),
 and from there no search for the effect finds the way back. Fitted to plateaus and slow waves alone, the base keeps to
 what it is meant for; hypotheses are tried from there as well.
+
+Low: what lies in the lower half of the range. A limit of the sensor or of the supply cuts the upper half off, and a
+model fitted to that is bent beyond what a search by slopes straightens again.
 """
 
 from __future__ import annotations
@@ -13,13 +18,34 @@ import numpy as np
 
 from .features import Features
 from .noise_prior import NoisePrior
-from .reduced import subset
+from .reduced import Piece, subset
 from .refit import Fit, refit
 
 #: kept: blocks later than this after an edge (s), and waves up to this frequency (Hz)
 _SETTLED_S, _SLOW_HZ = 0.15, 0.5
 #: a start is worth its cost where the base's own fit on the slow blocks is worse by this many nats
 _WORTH = 5.0
+
+
+#: effects that are tried from the low part as well
+LIMITS = ("supply_saturation", "sensor_clipping")
+
+
+def low_start(base: Fit, prior: NoisePrior, starts: list[np.ndarray]) -> Fit | None:
+    """The base refitted to the lower half of the displacements, its sensitivities on all blocks; None where no better.
+
+    starts: coordinates (d,) to begin from besides the base's own.
+    """
+    y = [p.y for p in base.problem.pieces if p.channel == "displacement"]
+    if not y:
+        return None
+    middle = 0.5 * (min(float(v.min()) for v in y) + max(float(v.max()) for v in y))
+    pieces = []
+    for piece in base.problem.pieces:
+        keep = piece.y < middle if piece.channel == "displacement" else np.ones(piece.y.size, dtype=bool)
+        if keep.sum() >= 12:
+            pieces.append(subset(piece, keep))
+    return _partial(base, pieces, prior, starts)
 
 
 def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list[np.ndarray]) -> Fit | None:
@@ -36,6 +62,10 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
             pieces.append(subset(piece, settled))
     if not pieces:
         return None
+    return _partial(base, pieces, prior, starts)
+
+
+def _partial(base: Fit, pieces: list[Piece], prior: NoisePrior, starts: list[np.ndarray]) -> Fit | None:
     problem = replace(base.problem, pieces=tuple(pieces))
     found = [refit(problem, q, base.noise, prior, fit_noise=False) for q in (base.q, *starts)]
     fits = [fit for fit in found if fit is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ DATA_FILE = "diagnosis.npz"
 REPORT_FILE = "report.html"
 
 
-def save_diagnosis(result: Diagnosis, out: Path) -> Path:
+def save_diagnosis(
+    result: Diagnosis, out: Path, report: Callable[[float, float, str], None] | None = None
+) -> Path:
     """Write diagnosis.json and report.html into a folder; returns it."""
     from ..report.diagnosis_page import write_diagnosis_page
 
@@ -27,7 +30,7 @@ def save_diagnosis(result: Diagnosis, out: Path) -> Path:
     np.savez_compressed(buffer, **picture_data(result))  # type: ignore[arg-type]
     write_bytes(out / DATA_FILE, buffer.getvalue())
     write_json(out / DIAGNOSIS_FILE, result.summary)
-    write_diagnosis_page(out)
+    write_diagnosis_page(out, report)
     return out
 
 

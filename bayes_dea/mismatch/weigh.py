@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,11 @@ Array = NDArray[np.float64]
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: points a parameter of the grid over prior quantiles, by the number of parameters
 _POINTS = {0: (), 1: (13,), 2: (7, 4), 3: (5, 3, 2), 4: (4, 3, 2, 2)}
+#: span (in logarithms) of a second parameter that two points are enough for
+_NARROW = 3.5
+#: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
+#: just reached acts on nothing at the coarser points
+_ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
 
 
 @dataclass(frozen=True)
@@ -60,8 +65,9 @@ class Weighed:
 class Frame:
     """A fit's sensitivities, whitened once, so that another prediction costs one column."""
 
-    def __init__(self, fit: Fit) -> None:
-        self.fit = fit
+    def __init__(self, fit: Fit, far: bool = False) -> None:
+        """far: what is tried from here changes the sensitivities, so that none is carried over."""
+        self.fit, self.far = fit, far
         self.whitened: list[Whitened] = []
         total = None
         for i, piece in enumerate(fit.problem.pieces):
@@ -129,11 +135,27 @@ def grid_points(model: Model, index: NDArray[np.int64], values: dict[str, float]
     shape = _POINTS.get(count, (2,) * count)
     if sparse:
         shape = tuple(max(2, s // 2) for s in shape)
+    if len(shape) == 2:
+        # a damping or a yield strain within a decade and a half: a refit finds it from the nearer of two
+        own = model.priors.free[index[1]].prior
+        if own.family == "loguniform" and math.log(own.b / own.a) < _NARROW:
+            shape = (shape[0], 2)
     axes = []
     for p, s in zip([model.priors.free[i] for i in index], shape, strict=True):
         shift = math.log(values[p.prior.relative_to]) if p.prior.relative_to else 0.0
         axes.append([float(p.prior.ppf(np.array([(j + 0.5) / s]), shift)[0]) for j in range(s)])
     return [np.array(point) for point in itertools.product(*axes)]
+
+
+def end_points(model: Model, index: NDArray[np.int64]) -> list[Array]:
+    """Points close to the ends of a uniform prior, where the effect has one parameter; they find, they do not weigh."""
+    if index.size != 1:
+        return []
+    prior = model.priors.free[index[0]].prior
+    if prior.family != "uniform":
+        return []
+    width = prior.b - prior.a
+    return [np.array([x]) for share in _ENDS for x in (prior.a + share * width, prior.b - share * width)]
 
 
 @dataclass(frozen=True)
@@ -145,11 +167,17 @@ class Screened:
     points: tuple[Scored, ...]  # best first
     log_evidence: float  # average over the grid
     base_objective: float  # of the base on the same scale as the points
+    frames: tuple[Frame, ...]
 
     @property
     def gain(self) -> float:
         """Nats by which the best point beats the base."""
         return self.base_objective - self.points[0].posterior
+
+    @property
+    def contrast(self) -> float:
+        """Nats of likelihood between the base and the point that differs from it most."""
+        return max(abs(p.likelihood - self.base_objective) for p in self.points)
 
 
 def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], sparse: bool = False) -> Screened | None:
@@ -166,7 +194,8 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
     for frame in frames:
         own_fit = frame.fit
         before = float(own_fit.problem.model.log_prior(own_fit.q[None, :d])[0])
-        for own in grid_points(model, index, own_fit.values(), sparse):
+        weighing = grid_points(model, index, own_fit.values(), sparse)
+        for k, own in enumerate([*weighing, *end_points(model, index)]):
             q = insert(own_fit, model, own)
             own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
             if not np.isfinite(own_prior):
@@ -178,7 +207,7 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
             if not np.isfinite(value):
                 continue
             scored.append(Scored(value - own_prior, value, own, move, frame))
-            if frame is frames[0]:
+            if frame is frames[0] and k < len(weighing):
                 main.append(-value)
     if not scored:
         return None
@@ -187,7 +216,17 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
     # Laplace of the base beside each point; the noise's share is the base's
     constant = base.log_evidence + base_value
     grid = float(logsumexp(main) - math.log(len(main))) + constant if main else -math.inf
-    return Screened(effects, model, tuple(scored), grid, base_value)
+    return Screened(effects, model, tuple(scored), grid, base_value, tuple(frames))
+
+
+def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:
+    """A grid carried over to the same frames on recordings that lost a few readings; None where the frames differ."""
+    if len(known.frames) != len(frames):
+        return None
+    new = {id(old): frame for old, frame in zip(known.frames, frames, strict=True)}
+    points = tuple(replace(p, frame=new[id(p.frame)]) for p in known.points)
+    shift = frames[0].fit.log_evidence - known.frames[0].fit.log_evidence
+    return replace(known, points=points, log_evidence=known.log_evidence + shift, frames=tuple(frames))
 
 
 def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) -> Weighed | None:
@@ -196,10 +235,10 @@ def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) ->
     problem = base.problem.with_model(model)
     low, high = bounds(problem)
     low, high = low + 1e-9, high - 1e-9
-    ends: list[tuple[float, Array, Kept]] = []
+    ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
-        kept = _kept(point.frame.fit, model)
-        for shift in (point.move, None):
+        kept = None if point.frame.far else _kept(point.frame.fit, model)
+        for shift in (None,) if point.frame.far else (point.move, None):
             start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
             end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept)
             if end is not None:

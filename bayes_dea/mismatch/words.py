@@ -6,11 +6,12 @@ from typing import Any
 
 from ..assemble import Assembled
 from ..models.effects import registered_effects
+from ..noise.mains import Mains
 from .name import MAINS, NONE, UNKNOWN, Naming
 
 
-def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled) -> str:
-    """One or two sentences for a diagnosis."""
+def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str) -> str:
+    """One or two sentences for a diagnosis. physics: the verdict without what the readings show by themselves."""
     verdict, proof = summary["verdict"], summary["proof"]
     confidence = f"confidence {summary['confidence']:.2f}"
     n = len(proof["held_out"])
@@ -23,14 +24,14 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled) -> 
             f"(noise {noise:.3g} um)"
         )
     if verdict == NONE:
-        if summary["mismatch"]["detected"]:
+        if naming.none.scan.detected:
             return (
                 "The recordings differ from the model by less than one resolution step or by nothing that lasts; "
                 f"no physics is claimed ({confidence})."
             )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
-        line = max((p.mains for p in assembled.prepared if p.mains is not None), key=lambda m: m.amplitude)
+        line = _mains(assembled)
         return (
             f"Mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is picked "
             f"up by the sensor; "
@@ -45,14 +46,41 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled) -> 
             f"and goes with {fix.get('acts_on')}."
         )
         return text + ("" if partial == NONE else f" The best partial explanation is {partial}; it does not mend all.")
-    weighed = naming.weighed[verdict]
-    values = weighed.fit.values()
+    # what the readings show by themselves has its numbers in the hypothesis alone
+    values = {k: v["mean"] for k, v in summary["hypotheses"][0]["parameters"].items()}
+    effects: tuple[str, ...] = ()
+    if physics != NONE:
+        weighed = naming.weighed[physics]
+        values, effects = {**values, **weighed.fit.values()}, weighed.effects
     parts = []
-    for name in weighed.effects:
-        parts.append(registered_effects()[name].explain(values))
+    for name in verdict.split("+"):
+        if name == MAINS and MAINS not in effects:
+            line = _mains(assembled)
+            parts.append(f"mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is "
+                         "in the record")  # fmt: skip
+        else:
+            parts.append(registered_effects()[name].explain(values))
     text = "; and ".join(parts)
     text = text[0].upper() + text[1:]
     others = [m for m in summary["indistinguishable"] if m != verdict]
     doubt = f" These recordings cannot tell it from {', '.join(others)}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
     return f"{text} ({confidence}).{mended}{doubt}"
+
+
+def silent_note(summary: dict[str, Any]) -> str:
+    """What to say of recordings that would not show an effect even where it is strong."""
+    plan = dict(summary["next_experiment"].get("recording", {}))
+    kind = plan.pop("kind", "creep")
+    settings = ", ".join(f"{k} = {v:g}" if isinstance(v, (int, float)) else f"{k} = {v}" for k, v in plan.items())
+    blind = len(summary["not_visible"])
+    return (
+        f"the recordings are too short or too quiet to tell: of the effects that were tried {blind} would not show at "
+        f"any strength, so that '{summary['verdict']}' (confidence {summary['confidence']:.2f}) says little. "
+        f"A recording that would help: {kind}" + (f" with {settings}" if settings else "")
+    )
+
+
+def _mains(assembled: Assembled) -> Mains:
+    """The strongest mains line found."""
+    return max((p.mains for p in assembled.prepared if p.mains is not None), key=lambda m: m.amplitude)

@@ -1,0 +1,62 @@
+"""False readings that only a fit makes visible: found in its residuals, masked, and told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.electrostatics import filled_input
+from ..noise.isolated import isolated_outliers, recurrence
+from .features import excitation
+from .prove import own_offset_and_gain
+from .reduced import Piece, again
+from .refit import Fit
+
+#: times that a warning names
+_NAMED = 5
+
+
+def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bool_]]:
+    """Rows (n,) of false readings by recording, for displacement pieces under a fit (see `isolated_outliers`)."""
+    found = {}
+    problem = replace(fit.problem, pieces=tuple(pieces))
+    for piece, x in zip(pieces, problem.rows(fit.q), strict=True):
+        if piece.channel != "displacement" or not np.isfinite(x).all():
+            continue
+        r = piece.recording
+        u = filled_input(r.columns["voltage_V"])
+        frequency = excitation(r.time_s, u)[0]
+        sigma, rho = fit.noise.of(piece)
+        rows = isolated_outliers(
+            own_offset_and_gain(piece, x),
+            r.time_s,
+            sigma,
+            rho,
+            recurrence(u, 1.0 / frequency if frequency > 0 else 0.0),
+            piece.prepared.sensor.resolution or 0.0,
+        )
+        if rows.any():
+            found[piece.name] = rows
+    return found
+
+
+def without(pieces: Sequence[Piece], rows: dict[str, NDArray[np.bool_]]) -> tuple[Piece, ...]:
+    """The pieces with rows of some of them masked."""
+    return tuple(
+        again(p, replace(p.prepared, observed=p.prepared.observed & ~rows[p.name])) if p.name in rows else p
+        for p in pieces
+    )
+
+
+def false_reading_warning(piece: Piece, rows: NDArray[np.bool_]) -> str:
+    """One line that names recording and times."""
+    t = piece.recording.time_s[rows]
+    times = ", ".join(f"{x:.3f}" for x in t[:_NAMED]) + (", ..." if t.size > _NAMED else "")
+    what = "reading stands" if t.size == 1 else "readings stand"
+    return (
+        f"{piece.name}: {t.size} isolated {what} out of the noise by more than chance and do not come back at other "
+        f"edges (at {times} s); taken for drop-outs and left out"
+    )

@@ -1,0 +1,165 @@
+"""Other readings of a campaign, weighed beside missing physics: another hold convention, a recording of another stack.
+
+Either explains a mismatch without any physics of the actuator: what a row of the command means is timing, and a
+recording of another actuator speaks of that one. Both are compared with the named effects by their evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..campaign import HOLDS
+from ..models.nodes import make_nodes
+from .locate import scan
+from .name import ADEQUATE
+from .noise_prior import NoisePrior
+from .prove import offset_and_gain
+from .reduced import Piece, renoded
+from .refit import Fit, refit
+
+#: prior probabilities that a convention is stated wrongly, and that some recording is of another actuator
+_WRONG_HOLD, _MIXED_IN = 0.01, 0.01
+#: with fewer voltage recordings left no odd one can be told
+_LEAST_LEFT = 3
+#: a recording of another actuator differs from the others by this share at least
+_DIFFERENT = 0.02
+
+
+@dataclass(frozen=True)
+class Rereading:
+    """The base under another reading. log_weight: log evidence and log prior; hold or odd says what is different."""
+
+    base: Fit
+    log_weight: float
+    hold: str = ""
+    odd: str = ""
+    ratio: float = 1.0  # displacement of the odd recording over what the others lead to expect
+    ratio_se: float = 0.0
+
+
+def other_holds(base: Fit, prior: NoisePrior, rng: np.random.Generator) -> list[Rereading]:
+    """The base with every command read by another convention, where nothing is left in its residuals then."""
+    pieces = base.problem.pieces
+    own = {p.recording.hold for p in pieces if p.nodes is not None}
+    out = []
+    for hold in HOLDS:
+        if own == {hold} or not own:
+            continue
+        moved = tuple(with_hold(p, hold) for p in pieces)
+        fit = refit(replace(base.problem, pieces=moved), base.q, prior.start(), prior)
+        if fit is not None and fit.log_evidence > base.log_evidence and scan(fit, rng).p_value > ADEQUATE:
+            # the default is what a command is written by most often: it is named where two fit alike
+            share = _WRONG_HOLD if hold == "end" else 0.5 * _WRONG_HOLD
+            out.append(Rereading(fit, fit.log_evidence + math.log(share), hold=hold))
+    return out
+
+
+def with_hold(piece: Piece, hold: str) -> Piece:
+    """A piece whose command is read by another convention; a mechanical one as it is."""
+    if piece.nodes is None:
+        return piece
+    recording = replace(piece.recording, hold=hold)
+    past = replace(piece.past, hold=hold) if piece.past is not None else None
+    return renoded(piece, replace(piece.prepared, recording=recording), make_nodes(recording), past)
+
+
+def odd_one_out(fit: Fit, prior: NoisePrior, rng: np.random.Generator) -> list[Rereading]:
+    """The fit without one recording that has an actuator of its own.
+
+    Every voltage recording is left out in turn and fitted alone. It is of another actuator where nothing is left in
+    the residuals of the others (scan), nothing in its own when it has parameters of its own, and its displacement
+    differs from what the others lead to expect by 2 % and five standard errors at least. Evidence: the product of both.
+    """
+    pieces = fit.problem.pieces
+    voltage = [i for i, p in enumerate(pieces) if p.channel == "displacement"]
+    if len(voltage) <= _LEAST_LEFT:
+        return []
+    out = []
+    for i in voltage:
+        rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
+        others = refit(rest, fit.q, prior.start(), prior, max_steps=12)
+        if others is None or _chi2(others) > 1.5 or scan(others, rng).p_value < ADEQUATE:
+            continue
+        ratio, se = _ratio(others, pieces[i])
+        if abs(ratio - 1.0) < max(_DIFFERENT, 5.0 * se):
+            continue
+        # alone it may have any modulus: it starts from where its size lies
+        alone = refit(replace(fit.problem, pieces=(pieces[i],)), _scaled(others, ratio), prior.start(), prior)
+        if alone is None or scan(alone, rng).p_value < ADEQUATE:
+            continue
+        total = others.log_evidence + alone.log_evidence + prior.minus_log(alone.noise)
+        weight = total + math.log(_MIXED_IN / len(voltage))
+        out.append(Rereading(others, weight, odd=pieces[i].name, ratio=ratio, ratio_se=se))
+    return out
+
+
+def _chi2(fit: Fit) -> float:
+    """Squares of whitened residuals a block."""
+    gram, _ = fit.problem.sums(fit.q, fit.noise, fit.clean, [])
+    return float(gram[0, 0]) / sum(p.blocks.n for p in fit.problem.pieces)
+
+
+def _ratio(others: Fit, piece: Piece) -> tuple[float, float]:
+    """Gain of a piece over the one that the others share, and its se with what the gains of those scatter by."""
+    problem = replace(others.problem, pieces=(*others.problem.pieces, piece))
+    _, gains = problem.beside(others.q)
+    found = []
+    for p, x in zip(problem.pieces, problem.rows(others.q), strict=True):
+        if p.channel == "displacement":
+            found.append(offset_and_gain(p, x)[1][0] / (1.0 + float(gains[p.group])))
+    spread = float(np.std(found[:-1], ddof=1)) if len(found) > 2 else math.inf
+    return found[-1], spread
+
+
+def _scaled(fit: Fit, ratio: float) -> np.ndarray:
+    """Coordinates with every modulus divided by a ratio of displacements."""
+    q = fit.q.copy()
+    for k, p in enumerate(fit.problem.model.priors.free):
+        if p.unit == "Pa" and p.prior.is_log and p.prior.relative_to is None and ratio > 0:
+            q[k] -= math.log(ratio)
+    return q
+
+
+def hold_note(hold: str, stated: str) -> str:
+    """One line on a convention that the recordings contradict."""
+    return (
+        f'timing: the recordings follow hold = "{hold}", not "{stated}" as campaign.toml says or leaves unsaid. This '
+        f'is a shift of one sample at most, no physics; write hold = "{hold}" and repeat'
+    )
+
+
+def odd_note(r: Rereading) -> str:
+    """One line that names a recording of another actuator."""
+    return (
+        f"{r.odd}: this recording does not belong to the actuator of the others: its displacement is "
+        f"{r.ratio:.3f} +- {max(r.ratio_se, 5e-4):.3f} times what they lead to expect, and with an actuator of its own "
+        "nothing is left to explain in either. It was left out; check what it was recorded on, or give it a specimen"
+    )
+
+
+def held_out_gains(fit: Fit, held: tuple[Piece, ...]) -> list[str]:
+    """Warnings for recordings to validate whose size does not fit the actuator of the others."""
+    used = [p for p in fit.problem.pieces if p.channel == "displacement"]
+    out: list[str] = []
+    if len(used) < _LEAST_LEFT:
+        return out
+    for piece in held:
+        if piece.channel != "displacement":
+            continue
+        ratio, se = _ratio(fit, piece)
+        if abs(ratio - 1.0) > max(_DIFFERENT, 8.0 * se):
+            out.append(
+                f"{piece.name}: this recording does not belong to the actuator of the others: its displacement is "
+                f"{ratio:.3f} +- {se:.3f} times what they lead to expect; check what it was recorded on"
+            )
+    return out
+
+
+def stated_hold(pieces: tuple[Piece, ...]) -> str:
+    """Convention that the voltage recordings were read by."""
+    return ", ".join(sorted({p.recording.hold for p in pieces if p.nodes is not None}))
+
+

@@ -1,0 +1,161 @@
+"""Isolated false readings in the residuals of a fit: what is too close to an edge to be seen in the record itself.
+
+A mismatch of physics is smooth over several samples, or it comes back: at every edge of its kind, in every period. A
+false reading of a sensor does neither. Rows that fail both tests are left alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+
+from .edges import find_edges
+
+Array = NDArray[np.float64]
+
+#: chance of a false alarm in a recording whose residuals are normal AR(1) noise
+FALSE_ALARM = 1e-3
+#: largest run of false readings, samples after an edge that answer to it, rows looked at on either side
+_RUN, _REACH, _AROUND = 3, 60, 6
+#: samples before an edge that a wrong convention of the command moves, and after one that has no like, left alone
+_AHEAD, _AT_EDGE = 2, 8
+#: share of its size that a reading must stand away from the straight continuations of either side
+_KINK = 0.35
+#: how often larger than the largest but one of its neighbours an outlier must be
+_CONTRAST = 2.5
+#: rows put before the first and behind the last
+_PAD = 9
+#: more than this share of the rows is no fault now and then
+_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """Where an answer to the input would show again: period (s) of the excitation (0: none) and edges of the input."""
+
+    period_s: float
+    edges: NDArray[np.int64]
+    jump: Array  # of the input at each edge
+
+
+def recurrence(u: ArrayLike, period_s: float) -> Recurrence:
+    """Recurrence of an input (n,) with a known period."""
+    x = np.asarray(u, dtype=float)
+    edges = find_edges(x)
+    return Recurrence(period_s, edges, x[np.minimum(edges + 1, x.size - 1)] - x[np.maximum(edges - 1, 0)])
+
+
+def isolated_outliers(
+    residual: ArrayLike, time_s: ArrayLike, sd: float, rho: float, back: Recurrence, resolution: float = 0.0
+) -> NDArray[np.bool_]:
+    """Rows (n,) whose residual is a false reading.
+
+    A run of one to three rows is flagged where all of this holds:
+
+    - each row misses the mean that its neighbours predict under AR(1) noise, rho/(1 + rho^2) (r_before + r_after)
+      with the sd sigma sqrt((1 - rho^2)/(1 + rho^2)), by more than the normal quantile of FALSE_ALARM / (2 n). sigma
+      is `sd`, or what the median of these misses says where that is larger. So on noise that is normal and AR(1) one
+      recording in a thousand has a false alarm, whatever its length; the other conditions lower that only;
+    - it lies that far outside of the range of the medians of three rows before and after, and misses the straight
+      continuations of both sides: steps, kinks and decays are not flagged;
+    - it is 2.5 times as large as all but one of its neighbours: ringing is not flagged;
+    - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
+      proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
+      quarter of its size in the middle of the others, or half of it in a twelfth of them. In the first 8 rows after an
+      edge that is the only one of its direction nothing is flagged.
+
+    Where more than 1 % of the rows would go, none does: that is no fault now and then.
+
+    residual, time_s : shape (n,); nan cells are gaps. sd, rho : marginal sd and lag-one correlation of the noise.
+    resolution : quantisation step; nothing below three of them is flagged.
+    """
+    r, t = np.asarray(residual, dtype=float), np.asarray(time_s, dtype=float)
+    out = np.zeros(r.size, dtype=np.bool_)
+    good = np.flatnonzero(np.isfinite(r))
+    if good.size < 50:
+        return out
+    # at either end the neighbours that are missing are as the nine that are there
+    first, last = np.median(r[good[:_PAD]]), np.median(r[good[-_PAD:]])
+    x = np.concatenate([np.full(_PAD, first), r[good], np.full(_PAD, last)])
+    quantile = float(norm.isf(0.5 * FALSE_ALARM / good.size))
+    share = rho / (1.0 + rho * rho)
+    theory = sd * np.sqrt((1.0 - rho * rho) / (1.0 + rho * rho))
+    step = float(np.median(np.diff(t[good])))
+    for length in range(1, _RUN + 1):
+        before, after = x[: -length - 1], x[length + 1 :]
+        inner = np.stack([x[1 + k : x.size - length + k] for k in range(length)])
+        miss = inner - share * (before + after) * (1.0 if length == 1 else 0.0)
+        # of a run the neighbours say less: its rows are held against the marginal scatter
+        scale = theory if length == 1 else sd
+        scale = max(scale, 1.4826 * float(np.median(np.abs(miss[0]))))
+        limit = max(quantile * scale, 3.0 * resolution)
+        same = np.abs(np.sign(miss).sum(axis=0)) == length
+        for at in np.flatnonzero(same & (np.abs(miss).min(axis=0) > limit)) + 1:
+            rows = good[max(at - _PAD, 0) : max(at + length - _PAD, 0)]
+            if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit) and not _returns(
+                r, int(rows[0]), length, step, t, back
+            ):
+                out[rows] = True
+    return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
+
+
+def _alone(x: Array, at: int, length: int, limit: float) -> bool:
+    """Whether a run stands out of what lies before and after it."""
+    left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
+    farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
+    run = x[at : at + length]
+    sign = 1.0 if run[0] > 0.5 * (left + right) else -1.0
+    size = float(np.min(sign * run)) - max(sign * left, sign * right)
+    if size <= limit:
+        return False
+    stretch = (0.5 * (length - 1) + 2.0) / 3.0
+    ahead = left + (left - farther[0]) * stretch
+    behind = right + (right - farther[1]) * stretch
+    if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
+        return False
+    around = np.concatenate([x[max(at - _AROUND, 0) : at] - left, x[at + length : at + length + _AROUND] - right])
+    return size > _CONTRAST * float(np.sort(np.abs(around))[-2])
+
+
+def _returns(r: Array, row: int, length: int, step: float, t: Array, back: Recurrence) -> bool:
+    """Whether the residual shows the same at the other places where the input does the same."""
+    own = _level(r, np.array([row]), length)[0]
+    lag = row - back.edges
+    near = np.flatnonzero((lag >= -_AHEAD - length) & (lag < _REACH))
+    if near.size:
+        last = near[np.argmin(np.abs(lag[near]))]
+        alike = np.flatnonzero(np.sign(back.jump) == np.sign(back.jump[last]))
+        alike = alike[alike != last]
+        if alike.size == 0:
+            return bool(lag[last] < _AT_EDGE)  # nothing to compare with: nothing is claimed
+        others = back.edges[alike] + row - back.edges[last]
+        weight = back.jump[alike] / back.jump[last]
+    elif back.period_s > 0:
+        turns = np.arange(1, 1 + int((t[-1] - t[0]) / back.period_s))
+        shift = np.rint(turns * back.period_s / step).astype(np.int64)
+        others = np.concatenate([row - shift, row + shift])
+        weight = np.ones(others.size)
+    else:
+        return False
+    inside = (others >= 8) & (others + length + 8 < r.size)
+    others, weight = others[inside], weight[inside]
+    if others.size == 0:
+        return bool(near.size)
+    # an answer to the input may shift by a sample
+    shown = np.max(np.sign(own) * np.stack([_level(r, others + k, length) for k in (-1, 0, 1)]), axis=0)
+    shown = np.where(np.isfinite(shown), shown, 0.0)
+    size = abs(own) * weight
+    return bool(np.median(shown / size) > 0.25 or np.sum(shown > 0.5 * size) > max(1.0, 0.08 * others.size))
+
+
+def _level(r: Array, rows: NDArray[np.int64], length: int) -> Array:
+    """Mean of the run at each of the rows, less the medians of three rows before and after; nan bridged."""
+    clip = lambda k: np.clip(rows + k, 0, r.size - 1)  # noqa: E731
+    sides = np.stack([r[clip(k)] for k in (-3, -2, -1, length, length + 1, length + 2)])
+    with np.errstate(invalid="ignore"):
+        run = np.mean(np.stack([r[clip(k)] for k in range(length)]), axis=0)
+    base = 0.5 * (np.median(sides[:3], axis=0) + np.median(sides[3:], axis=0))
+    return np.where(np.isfinite(base), run - base, run)

@@ -1,0 +1,52 @@
+"""The end of a sensor's range, where it cuts off readings with their noise: one value that comes far too often."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: readings at the limit in all, and how many times those of a bin just below it
+_LEAST, _TIMES = 20, 4.0
+#: bins below the highest reading that it is compared with
+_BINS = 6
+
+
+def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float | None:
+    """Highest value that the readings of several recordings pile up at; None where they do not.
+
+    The tail of a distribution falls: the highest value of noisy readings comes rarely, and no oftener than values just
+    below. Where the highest one comes 20 times or more, and four times as often as any of the six steps of the
+    resolution below it, the sensor has cut off what was larger. A sensor whose range ends *before* its noise is added
+    leaves no such mark.
+
+    readings : columns of one sensor, nan for what was not observed. resolution : its quantisation step; without one
+    the highest value must recur to the last digit.
+    """
+    columns = [x[np.isfinite(x)] for x in (np.asarray(r, dtype=float) for r in readings)]
+    columns = [x for x in columns if x.size]
+    if not columns:
+        return None
+    highest = max(float(x.max()) for x in columns)
+    width = resolution if resolution > 0 else 1e-9 * max(abs(highest), 1e-300)
+    counts = np.zeros(_BINS + 1)
+    for x in columns:
+        below = np.rint((highest - x[x > highest - (_BINS + 0.5) * width]) / width).astype(np.int64)
+        counts += np.bincount(below, minlength=_BINS + 1)[: _BINS + 1]
+    if counts[0] < _LEAST or counts[0] < _TIMES * max(float(counts[1:].max()), 1.0):
+        return None
+    return highest
+
+
+def near_limit(y: ArrayLike, limit: float, resolution: float = 0.0, reach: int = 3) -> NDArray[np.bool_]:
+    """Rows (n,) at the limit or within `reach` rows of one that is."""
+    x = np.asarray(y, dtype=float)
+    at = np.abs(x - limit) <= 0.5 * max(resolution, 1e-9 * max(abs(limit), 1e-300))
+    out = at.copy()
+    for k in range(1, reach + 1):
+        out[k:] |= at[:-k]
+        out[:-k] |= at[k:]
+    return out

@@ -1,0 +1,110 @@
+"""What is wrong with a campaign itself, not with the physics: found, named, and no reason for a wrong verdict."""
+
+import re
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+import bayes_dea as bd
+from bayes_dea.mismatch.diagnosis import diagnose
+
+
+def with_column(campaign, name, change):
+    """A campaign with the displacement (m) of one recording changed."""
+    out = []
+    for r in campaign.recordings:
+        if r.name == name:
+            y = np.array(r.columns["displacement_m"])
+            r = replace(r, columns=MappingProxyType({**r.columns, "displacement_m": change(y, r)}))
+        out.append(r)
+    return replace(campaign, recordings=tuple(out))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return concealed(validate=False)
+
+
+def test_false_readings_beside_edges_are_masked_and_named(plain):
+    """Single readings off by 40 um at lags 0 to 2 of three edges: too close for the record itself to show them."""
+    def spoil(y, r):
+        edges = np.flatnonzero(np.abs(np.diff(r.columns["voltage_V"])) > 300) + 1
+        y[edges[[4, 9, 14]] + np.array([0, 1, 2])] += np.array([40e-6, -40e-6, 40e-6])
+        return y
+
+    s = diagnose(with_column(plain, "rectangle_10Hz.csv", spoil), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert not s["mismatch"]["detected"]
+    # what the record itself shows and what only the fit shows
+    said = [re.match(r"rectangle_10Hz\.csv: (\d+) (drop-out|isolated reading)", w) for w in s["warnings"]]
+    masked = {m[2]: int(m[1]) for m in said if m}
+    assert sum(masked.values()) == 3
+    assert masked["isolated reading"] >= 1
+
+
+def test_a_resistance_and_a_delay_lose_no_reading(diagnosed):
+    for name, parameters in (("series_resistance", {"R_s_ohm": 1.2e5}), ("acquisition_delay", {"T_d_s": 0.0064})):
+        s = diagnosed(name, parameters).summary
+        assert s["verdict"] == name
+        assert not any("left out" in w for w in s["warnings"])
+
+
+def test_a_recording_of_another_actuator_is_found_and_named(plain):
+    """15 % stiffer: every reading of one recording 13 % smaller."""
+    c = with_column(plain, "triangle_1Hz.csv", lambda y, r: y[0] + (y - y[0]) / 1.15)
+    s = diagnose(c, "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert "triangle_1Hz.csv: this recording does not belong to the actuator of the others" in s["warnings"][0]
+    assert "does not belong" in s["statement"]
+    assert s["mismatch"]["detected"]
+    assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
+
+
+@pytest.mark.parametrize("hold", ["start", "linear"])
+def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
+    c = replace(plain, recordings=tuple(replace(r, hold=hold) for r in plain.recordings))
+    s = diagnose(c, "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert s["confidence"] > 0.9
+    if hold == "start":  # a whole sample: seen in these recordings
+        assert 'timing: the recordings follow hold = "end", not "start"' in s["warnings"][0]
+
+
+def test_a_clipped_sensor_is_named_where_its_range_cuts_the_noise():
+    c = concealed({"sensor_clipping": {"y_max_m": 1.9e-4, "clip_noise": 1.0}})
+    result = diagnose(c, "hooke+gm3")
+    s = result.summary
+    assert s["verdict"] == "sensor_clipping"
+    assert s["mismatch"]["detected"]
+    limit = s["hypotheses"][0]["parameters"]["y_max_m"]
+    assert limit["mean"] == pytest.approx(1.9e-4, abs=0.2e-6)
+    assert s["proof"]["rmse_after_m"] < 1.05 * s["proof"]["noise_m"]
+    assert bd.build_model(s["corrected_model"]).spec.effects == ("sensor_clipping",)
+
+
+def test_a_campaign_too_quiet_says_so_and_what_would_help(plain):
+    """The first second and a half of a creep: half a second of rest, no step that moves anything."""
+    r = next(r for r in plain.recordings if r.name == "sine_1Hz.csv")
+    columns = {k: np.array(v[:1500]) for k, v in r.columns.items()}
+    columns["voltage_V"] *= 0.02
+    columns["displacement_m"] = columns["displacement_m"][:1] + 4.7e-6 * np.random.default_rng(1).standard_normal(1500)
+    quiet = bd.recording_from_arrays("quiet.csv", "sine", columns, "identify", r.actuator)
+    s = diagnose(replace(plain, recordings=(quiet,)), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert s["confidence"] < 0.7
+    assert "too short or too quiet to tell" in s["statement"]
+    assert s["next_experiment"]["recording"]["kind"] in s["statement"]
+
+
+def test_a_command_that_is_on_in_the_first_row_raises_no_alarm(plain):
+    """Rested start, hold = "end": the first row's command acted before it; nothing is to be seen of that."""
+    out = []
+    for r in plain.recordings:
+        k = int(np.flatnonzero(r.columns["voltage_V"])[0])
+        out.append(replace(r, columns=MappingProxyType({n: np.ascontiguousarray(v[k:]) for n, v in r.columns.items()})))
+    s = diagnose(replace(plain, recordings=tuple(out)), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert not s["mismatch"]["detected"]

@@ -1,0 +1,100 @@
+"""False readings in residuals: found beside edges, and nothing else is."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bayes_dea.noise.isolated import isolated_outliers, recurrence
+
+STEP = 1e-3
+
+
+def wave(n=6000, period=100):
+    """A rectangle of 10 Hz at 1 kHz, its input and recurrence."""
+    u = np.where(np.arange(n) % period < period // 2, 1050.0, 250.0)
+    u[:500] = 0.0
+    return u, recurrence(u, period * STEP)
+
+
+def noise(n, rho, rng, sd=4e-6):
+    e = rng.standard_normal(n)
+    e[1:] *= np.sqrt(1 - rho**2)
+    return sd * lfilter([1.0], [1.0, -rho], e)
+
+
+def found(r, back, rho=0.0, sd=4e-6):
+    return np.flatnonzero(isolated_outliers(r, STEP * np.arange(r.size), sd, rho, back))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_no_false_alarm_on_normal_noise(rho):
+    """200 recordings at 1e-3 each at most: more than two alarms come once in 900 times."""
+    _, back = wave()
+    rng = np.random.default_rng(3)
+    alarms = sum(found(noise(6000, rho, rng), back, rho).size > 0 for _ in range(200))
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+@pytest.mark.parametrize("lag", [0, 1, 2, 5, 30])
+def test_a_single_reading_beside_an_edge_is_found(rho, lag):
+    _, back = wave()
+    r = noise(6000, rho, np.random.default_rng(4), 4e-6)
+    row = int(back.edges[20]) + lag
+    r[row] += 60e-6
+    assert found(r, back, rho).tolist() == [row]
+
+
+def test_a_run_and_the_first_and_the_last_row_are_found():
+    _, back = wave()
+    r = noise(6000, 0.0, np.random.default_rng(5))
+    rows = [0, 3033, 3034, 5999]
+    r[rows] -= 80e-6
+    assert found(r, back).tolist() == rows
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_what_comes_back_at_every_edge_is_physics(rows):
+    """An error of one to three samples right after each edge, as a delay leaves it."""
+    _, back = wave()
+    r = noise(6000, 0.0, np.random.default_rng(6))
+    for k in range(rows):
+        r[back.edges + k] += 60e-6 * np.sign(back.jump)
+    assert found(r, back).size == 0
+
+
+def test_what_comes_back_at_one_edge_in_eight_is_physics():
+    _, back = wave()
+    r = noise(6000, 0.0, np.random.default_rng(7))
+    r[back.edges[4::8]] += 60e-6
+    assert found(r, back).size == 0
+
+
+def test_decays_steps_and_ringing_are_no_false_readings():
+    """One edge alone: nothing to compare with, so the shape decides."""
+    u = np.where(np.arange(4000) >= 1000, 900.0, 0.0)
+    back = recurrence(u, 0.0)
+    t = np.maximum(np.arange(4000) - 1000, 0) * STEP
+    on = np.arange(4000) >= 1000
+    for shape in (np.exp(-t / 0.006), np.exp(-t / 0.002), np.ones(4000),
+                  np.exp(-t / 0.02) * np.cos(2 * np.pi * 390 * t)):  # fmt: skip
+        r = noise(4000, 0.0, np.random.default_rng(8), 1e-6) + 50e-6 * np.where(on, shape, 0.0)
+        assert found(r, back, sd=1e-6).size == 0
+
+
+def test_a_single_row_at_the_only_edge_is_left_alone():
+    u = np.where(np.arange(4000) >= 1000, 900.0, 0.0)
+    back = recurrence(u, 0.0)
+    r = noise(4000, 0.0, np.random.default_rng(9))
+    r[1000] += 80e-6
+    assert found(r, back).size == 0
+    r[2000] += 80e-6
+    assert found(r, back).tolist() == [2000]
+
+
+def test_what_is_no_fault_now_and_then_is_left_alone():
+    _, back = wave()
+    rng = np.random.default_rng(10)
+    r = noise(6000, 0.0, rng)
+    r[np.arange(20, 5990, 25) + rng.integers(0, 8, 239)] += 60e-6
+    assert found(r, back).size == 0

@@ -1,0 +1,46 @@
+"""The end of a sensor's range, seen in readings."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.noise.limit import find_limit, near_limit
+
+RESOLUTION = 0.15e-6
+
+
+def readings(limit=np.inf, seed=1, resolution=RESOLUTION, sd=4e-6):
+    rng = np.random.default_rng(seed)
+    out = []
+    for top in (90e-6, 150e-6):
+        x = np.where(np.arange(20_000) > 2000, top, 0.0) + sd * rng.standard_normal(20_000)
+        x = np.minimum(x, limit)
+        out.append(np.round(x / resolution) * resolution if resolution else x)
+    return out
+
+
+@pytest.mark.parametrize("resolution", [RESOLUTION, 0.0])
+@pytest.mark.parametrize("limit", [130.05e-6, 150e-6, 157.05e-6])
+def test_a_limit_is_found_where_it_cuts_noise(limit, resolution):
+    found = find_limit(readings(limit, resolution=resolution), resolution)
+    assert found == pytest.approx(limit, abs=max(resolution, 1e-12))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_without_a_limit_has_none(seed):
+    assert find_limit(readings(seed=seed), RESOLUTION) is None
+
+
+def test_a_range_that_ends_before_the_noise_leaves_no_mark():
+    rng = np.random.default_rng(2)
+    x = np.minimum(np.linspace(0, 200e-6, 40_000), 120e-6) + 4e-6 * rng.standard_normal(40_000)
+    assert find_limit([np.round(x / RESOLUTION) * RESOLUTION], RESOLUTION) is None
+
+
+def test_rows_beside_the_limit():
+    y = np.array([0.0, 1.0, 2.0, 5.0, 2.0, 1.0, np.nan])
+    assert near_limit(y, 5.0, 0.1, 0).tolist() == [False] * 3 + [True] + [False] * 3
+    assert near_limit(y, 5.0, 0.1, 1).tolist() == [False, False, True, True, True, False, False]
+
+
+def test_nothing_observed_has_no_limit():
+    assert find_limit([np.full(10, np.nan)], RESOLUTION) is None
