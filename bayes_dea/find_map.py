@@ -25,6 +25,7 @@ from .models.chain import Material, forces, maxwell_form
 from .models.mechanics import GKM, GM
 from .models.model import PRIMARY, Model
 from .models.networks import maxwell_to_modes
+from .search_clock import SearchClock
 
 _INNER_STEPS = 12
 #: searches, each with the noise that the one before ended with
@@ -276,20 +277,24 @@ def find_map(
     search_model: the linear model whose time constants the swarm searches (the model itself, or its linearisation).
     linear_groups: Gram groups of the voltage recordings; empty when there are none. refresh: gives the posterior with
     its within-block reference moved to a point (None when nothing is in blocks). given: starts (d,) that were found
-    otherwise and take the place of the swarms'. report: called with (done, of, text) after each start.
+    otherwise and take the place of the swarms'. report: called with (seconds gone, seconds expected, text).
     """
     s = settings or MapSettings()
     newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
     evaluations = 0
     best: NewtonPolish | None = None
-    for _ in range(_ROUNDS):
-        starts, count = (list(given), 0) if len(given) else _starts(posterior, search_model, linear_groups, rng, s)
+    clock = SearchClock(report)
+    for number in range(1, _ROUNDS + 1):
+        clock.round(number)
+        starts, count = (
+            (list(given), 0) if len(given) else _starts(posterior, search_model, linear_groups, rng, s, clock)
+        )
         swarms = len(starts)
         if best is not None:
             starts.append(best.x)
         if refresh is not None:
             posterior = refresh(posterior, starts[0] if best is None else best.x)
-        found = _polish_all(posterior, starts, newton, report)
+        found = _polish_all(posterior, starts, newton, clock)
         evaluations += count + sum(f.evaluations for f in {id(f): f for f in found}.values())
         best = max(found, key=lambda f: f.value)
         runs = found[:swarms]
@@ -308,37 +313,45 @@ def find_map(
 
 
 def _starts(
-    posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator, s: MapSettings
+    posterior: Posterior,
+    search_model: Model,
+    groups: list[LinearGroup],
+    rng: np.random.Generator,
+    s: MapSettings,
+    clock: SearchClock,
 ) -> tuple[list[NDArray], int]:
     """Where the swarms end, best first, as coordinates of the posterior; and how often their objective was called."""
     plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
     if groups and search_model.separable:
-        return _voltage_starts(posterior, search_model, groups, rng, s)
+        return _voltage_starts(posterior, search_model, groups, rng, s, clock)
     if not groups and plain and posterior.zeros:
-        return _mechanical_starts(posterior, search_model, rng, s)
-    return _box_starts(posterior, rng, s)
+        return _mechanical_starts(posterior, search_model, rng, s, clock)
+    return _box_starts(posterior, rng, s, clock)
 
 
 def _polish_all(
     posterior: Posterior,
     starts: list[NDArray],
     newton: NewtonSettings,
-    report: Callable[[float, float, str], None] | None = None,
+    clock: SearchClock,
 ) -> list[NewtonPolish]:
     """Each start polished; those that stand at one and the same place share their polish."""
     scale = posterior_scale(posterior)
     found: list[NewtonPolish] = []
-    for i, start in enumerate(starts):
-        same = [k for k in range(i) if np.max(np.abs(starts[k] - start) / scale) < 1e-3]
-        if same:
-            found.append(found[same[0]])
+    twins = [
+        next((k for k in range(i) if np.max(np.abs(starts[k] - start) / scale) < 1e-3), None)
+        for i, start in enumerate(starts)
+    ]
+    clock.polishing()
+    for i, (start, twin) in enumerate(zip(starts, twins, strict=True)):
+        if twin is not None:
+            found.append(found[twin])
         elif np.isfinite(posterior.log_prob(start[None])[0]):
             found.append(polish_newton(posterior.log_prob, start, settings=newton))
         else:
             nowhere = np.full((start.size, start.size), np.nan)
             found.append(NewtonPolish(start, -np.inf, nowhere, np.zeros(start.size, bool), np.inf, False, 0, 1))
-        if report is not None:
-            report(i + 1, len(starts), f"start {i + 1} of {len(starts)}")
+        clock.polished(twins[: i + 1].count(None), twins.count(None))
     return found
 
 
@@ -379,7 +392,7 @@ def posterior_scale(posterior: Posterior) -> NDArray:
 
 
 def _run_swarms(
-    search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings
+    search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings, clock: SearchClock
 ) -> tuple[NDArray, int]:
     """Coordinates (swarms, .) where the swarms ended, best first.
 
@@ -394,8 +407,17 @@ def _run_swarms(
             max_iterations=max(swarm.max_iterations, 200),
             stall_iterations=max(swarm.stall_iterations, 25),
         )
+    iteration = 0
+
+    def objective(cube: NDArray) -> NDArray:
+        nonlocal iteration
+        values = -search.solve(cube)[1]
+        iteration += 1
+        clock.swarms(iteration, swarm.max_iterations, s.swarms)
+        return values
+
     result = multi_swarm(
-        lambda cube: -search.solve(cube)[1],
+        objective,
         np.zeros(search.dimension),
         np.ones(search.dimension),
         swarm,
@@ -407,11 +429,16 @@ def _run_swarms(
 
 
 def _voltage_starts(
-    posterior: Posterior, search_model: Model, groups: list[LinearGroup], rng: np.random.Generator, s: MapSettings
+    posterior: Posterior,
+    search_model: Model,
+    groups: list[LinearGroup],
+    rng: np.random.Generator,
+    s: MapSettings,
+    clock: SearchClock,
 ) -> tuple[list[NDArray], int]:
     channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
     search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
-    z, evaluations = _run_swarms(search, rng, s)
+    z, evaluations = _run_swarms(search, rng, s, clock)
     tail = posterior.noise_guess()
     return [
         _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail])) for row in z
@@ -434,7 +461,7 @@ def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
 
 
 def _mechanical_starts(
-    posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings
+    posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings, clock: SearchClock
 ) -> tuple[list[NDArray], int]:
     channel = next(c for c in posterior.channels if c.channel == "force")
     groups = [g for g in posterior.groups if isinstance(g, BlockGroup) and g.channel == "force"]
@@ -447,7 +474,7 @@ def _mechanical_starts(
         float(np.clip(channel.rho_guess[0], 0.0, 0.99)),
         rng,
     )
-    rows, evaluations = _run_swarms(search, rng, s)
+    rows, evaluations = _run_swarms(search, rng, s, clock)
     d = search_model.dimension
     noise = posterior.noise_guess()[len(zeros) :]
     return [np.concatenate([_own(posterior, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
@@ -480,11 +507,13 @@ def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
     return center
 
 
-def _box_starts(posterior: Posterior, rng: np.random.Generator, s: MapSettings) -> tuple[list[NDArray], int]:
+def _box_starts(
+    posterior: Posterior, rng: np.random.Generator, s: MapSettings, clock: SearchClock
+) -> tuple[list[NDArray], int]:
     model = posterior.model
     d, n_zero = model.dimension, len(posterior.zeros)
     tail = posterior.noise_guess()
-    count = 0
+    count = iteration = 0
 
     def points(cube: NDArray) -> NDArray:
         z = model.from_prior_coordinates(model.priors.transform(np.clip(cube[:, :d], 1e-4, 1 - 1e-4)))
@@ -495,9 +524,12 @@ def _box_starts(posterior: Posterior, rng: np.random.Generator, s: MapSettings) 
         return q
 
     def objective(cube: NDArray) -> NDArray:
-        nonlocal count
+        nonlocal count, iteration
         count += len(cube)
-        return -posterior.log_prob(points(cube))
+        values = -posterior.log_prob(points(cube))
+        iteration += 1
+        clock.swarms(iteration, swarm.max_iterations, swarms)
+        return values
 
     dimension = d + n_zero
     swarm = SwarmSettings(particles=max(30, 4 * dimension), max_iterations=150, stall_iterations=15, tolerance=0.5)

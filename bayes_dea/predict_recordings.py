@@ -195,8 +195,9 @@ def _predict_one(
     noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
     N = p.nuisance()
     added, _ = _nuisance_given(p.y - (1 + gain) * x, N, prior, p.observed, noise_sd, rho_mean)
-    raw_residual = p.y - x
+    rmse_raw = metrics.rmse(np.where(p.observed, p.y - x, np.nan))
     level = (1 + gain) * x + N @ added
+    del x  # of a long recording every column counts
     y_blocks = block_means(p.y, blocks, masked)
     f = (1 + terms[:, 1:2]) * X
     weight = blocks.count[None] * ((1 - rho[:, rate]) / (1 + rho[:, rate]) / noise2)[:, None]
@@ -208,12 +209,12 @@ def _predict_one(
     centred = X - np.average(X, axis=1, weights=blocks.count)[:, None]
     parameter_var = f.var(axis=0) + offset_var.mean() + np.mean(terms[:, 2:3] * centred**2, axis=0)
     level_blocks = block_means(level, blocks, masked)
-    which = np.repeat(np.arange(blocks.n), blocks.stop - blocks.start)
-    rows = np.concatenate([np.arange(a, b) for a, b in zip(blocks.start, blocks.stop, strict=True)])
-    mean, variance = np.full(p.y.size, np.nan), np.full(p.y.size, np.nan)
-    mean[rows] = level[rows] + (f.mean(axis=0) - level_blocks)[which]
-    variance[rows] = parameter_var[which]
-    sd = np.sqrt(variance + noise_sd**2)
+    mean, sd = np.full(p.y.size, np.nan), np.full(p.y.size, np.nan)
+    shift, sd_blocks = f.mean(axis=0) - level_blocks, np.sqrt(parameter_var + noise_sd**2)
+    for k, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
+        mean[a:b] = level[a:b] + shift[k]
+        sd[a:b] = sd_blocks[k]
+    del level, N
     y = np.where(p.observed, p.y, np.nan)
     residual = y - mean
     floor = p.quiet_sd if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else noise_sd
@@ -228,7 +229,7 @@ def _predict_one(
         p.channel,
         p.n,
         metrics.rmse(residual),
-        metrics.rmse(np.where(p.observed, raw_residual, np.nan)),
+        rmse_raw,
         metrics.r2(y, mean),
         metrics.reduced_chi2(residual, floor),
         metrics.coverage(y, mean, sd, 0.5),
@@ -247,7 +248,7 @@ def _predict_one(
         blocks.count,
         f.mean(axis=0),
         np.sqrt(parameter_var),
-        np.sqrt(parameter_var + noise_sd**2),
+        sd_blocks,
         np.sqrt(parameter_var + block_var),
         replicated,
         log_likelihood,

@@ -16,7 +16,7 @@ from bayes_dea.commands.progress import signals
 from bayes_dea.results import write_text
 
 
-def short_page(folder: Path) -> Path:
+def short_page(folder: Path, **_: object) -> Path:
     """A page that is not drawn: figures take half the time of a short run, and hold nothing that could be resumed."""
     write_text(folder / "report.html", "<html>" + "<p>not drawn</p>" * 10_000 + "</html>")
     return folder / "report.html"

@@ -190,7 +190,7 @@ def test_resume_and_anew(small_campaign, tmp_path, monkeypatch, capsys):
 
     campaign = tiny_campaign(small_campaign, tmp_path / "tiny")
     monkeypatch.setattr(calibration, "sample", watched)
-    monkeypatch.setattr("bayes_dea.report.page.write_report", lambda folder: None)
+    monkeypatch.setattr("bayes_dea.report.page.write_report", lambda folder, **_: None)
 
     def run(*options):
         began.clear()

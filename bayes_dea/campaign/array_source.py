@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.scratch import Gathering, Scratch, pieces
 from bayes_dea.campaign.tables import Table, missing_column, text_times
 from bayes_dea.errors import InputError
 
 #: reads one leaf of the file
 Loader = Callable[[], NDArray[Any]]
+#: numbers of a .mat variable from which on it is read by itself
+_LONG = 1_000_000
+#: classes of MATLAB that are arrays of numbers
+_NUMERIC = ("double", "single", "logical", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 
 
 class ArraySource:
     """Named arrays of a file. Names are paths ("run1/time"); MATLAB's dots and runs(2) work too."""
 
-    def __init__(self, leaves: Mapping[str, Loader], fmt: FormatMap, label: str) -> None:
+    def __init__(self, leaves: Mapping[str, Loader], fmt: FormatMap, label: str,
+                 scratch: Scratch | None = None) -> None:
         self.fmt, self.label = fmt, label
+        self._scratch = scratch or Scratch()
         self._all = dict(leaves)
         self._leaves = self._all
         if fmt.dataset is not None:
@@ -80,7 +90,15 @@ class ArraySource:
         key = self._key(column)
         if key is None:
             raise self.missing(column.name or "", column)
-        raw = np.asarray(self._leaves[key]())
+        leaf = self._leaves[key]
+        with Gathering(1, self._scratch) as gathered:
+            parts = leaf.parts(column.index) if isinstance(leaf, _Dataset) and column.time_format is None else None
+            for part in [self._whole(column, leaf)] if parts is None else parts:
+                gathered.add([part])
+            return gathered.columns()[0]
+
+    def _whole(self, column: ColumnMap, leaf: Loader) -> NDArray[np.float64]:
+        raw = np.asarray(leaf())
         if column.time_format is not None and raw.dtype.kind in "USO":
             return text_times([str(v.decode("utf-8", "replace") if isinstance(v, bytes) else v).strip()
                                for v in np.ravel(raw)], column, self.label, "element")
@@ -98,28 +116,50 @@ class ArraySource:
             raise InputError(f"{self.label}: {column.describe()} is a matrix "
                              f"({' x '.join(map(str, raw.shape))}). Say which column of it: "
                              '{ name = "...", index = 1 }.')
-        return np.array(np.atleast_1d(raw), dtype=np.float64)
+        return np.asarray(np.atleast_1d(raw), dtype=np.float64)
 
 
-def open_arrays(path: Path, fmt: FormatMap, label: str, kind: str) -> ArraySource:
+def open_arrays(path: Path, fmt: FormatMap, label: str, kind: str, scratch: Scratch | None = None) -> ArraySource:
     """Opens a .mat (5 or 7.3) or HDF5 file. Raises InputError where it cannot be read."""
     import h5py
 
     if h5py.is_hdf5(path):
-        return ArraySource(_hdf5_leaves(path, matlab=kind == "mat", label=label), fmt, label)
+        return ArraySource(_hdf5_leaves(path, matlab=kind == "mat", label=label), fmt, label, scratch)
     if kind == "hdf5":
         raise InputError(f"{label}: cannot be read as HDF5; the file was cut or is of another type. Copy it "
                          "again from the recorder.")
-    from scipy.io import loadmat
+    return ArraySource(_mat5_leaves(path, label), fmt, label, scratch)
 
+
+def _mat5_leaves(path: Path, label: str) -> dict[str, Loader]:
+    """Every array of a .mat of version 5; long ones are read when they are asked for, one at a time."""
+    from scipy.io import loadmat, whosmat
+
+    def read(names: list[str]) -> dict[str, Any]:
+        try:
+            content: dict[str, Any] = loadmat(path, variable_names=names, simplify_cells=True)
+        except Exception as exc:  # scipy raises many kinds on a damaged file
+            raise unreadable from exc
+        return {k: v for k, v in content.items() if not k.startswith("__")}
+
+    unreadable = InputError(f"{label}: cannot be read as a .mat file; the file was cut or is of another type. "
+                            "Copy it again from the recorder.")
     try:
-        content = loadmat(path, simplify_cells=True)
-    except Exception as exc:  # scipy raises many kinds on a damaged file
-        raise InputError(f"{label}: cannot be read as a .mat file; the file was cut or is of another type. "
-                         "Copy it again from the recorder.") from exc
+        listed = whosmat(path)
+    except Exception as exc:
+        raise unreadable from exc
+    long = [name for name, shape, kind in listed if kind in _NUMERIC and math.prod(shape) > _LONG]
     leaves: dict[str, Loader] = {}
-    _flatten({k: v for k, v in content.items() if not k.startswith("__")}, "", leaves)
-    return ArraySource(leaves, fmt, label)
+    _flatten(read([name for name, _, _ in listed if name not in long]), "", leaves)
+    for name in long:
+        leaves[name] = lambda name=name: np.asarray(read([name])[name])  # type: ignore[misc]
+    return {k: leaves[k] for k in sorted(leaves, key=lambda k: _order(k, [name for name, _, _ in listed]))}
+
+
+def _order(leaf: str, variables: Sequence[str]) -> int:
+    """Place of the variable that an array belongs to among those of the file."""
+    top = leaf.split("/")[0]
+    return variables.index(top) if top in variables else variables.index(top.rpartition("(")[0])
 
 
 def _flatten(value: Any, name: str, leaves: dict[str, Loader]) -> None:
@@ -137,39 +177,86 @@ def _flatten(value: Any, name: str, leaves: dict[str, Loader]) -> None:
         leaves[name] = lambda: np.asarray(value)
 
 
+@dataclass(frozen=True)
+class _Dataset:
+    """One array of an HDF5 file: a dataset, a field of a compound one, or what an element of it refers to."""
+
+    path: Path
+    label: str
+    matlab: bool  # which stores columns first
+    name: str
+    field: str | None = None
+    element: int | None = None
+
+    def __call__(self) -> NDArray[Any]:
+        with self._open() as data:
+            array = np.asarray(data[()])
+        return array.T if self.matlab else array
+
+    def parts(self, index: int | None) -> Iterator[NDArray[Any]] | None:
+        """Its numbers piece by piece, of a matrix those of column `index`; None where it has to be looked at whole."""
+        with self._open() as data:
+            shape = tuple(data.shape[::-1] if self.matlab else data.shape)
+            if data.dtype.kind not in "fiub":
+                return None
+        along = [i for i, k in enumerate(shape) if k > 1]
+        if index is not None and len(shape) == 2 and shape[0] > 1 and index <= shape[1]:
+            return self._slices(shape, 0, index - 1)
+        if index is None and len(along) == 1:
+            return self._slices(shape, along[0], 0)
+        return None
+
+    def _slices(self, shape: tuple[int, ...], axis: int, other: int) -> Iterator[NDArray[Any]]:
+        with self._open() as data:
+            for part in pieces(shape[axis]):
+                at: list[Any] = [part if i == axis else (other if i == 1 else 0) for i in range(len(shape))]
+                yield np.ravel(data[tuple(at[::-1] if self.matlab else at)])
+
+    @contextlib.contextmanager
+    def _open(self) -> Iterator[Any]:
+        import h5py
+
+        try:
+            with h5py.File(self.path, "r") as file:
+                data: Any = file[self.name]
+                if self.element is not None:
+                    data = file[np.ravel(data[()])[self.element]]
+                yield data if self.field is None else _Field(data, self.field)
+        except (OSError, KeyError, RuntimeError, ValueError) as exc:
+            raise InputError(f'{self.label}: "{self.name}" cannot be read; the file was cut or damaged. Copy it '
+                             'again from the recorder.') from exc
+
+
+class _Field:
+    """One field of a compound dataset, like a dataset."""
+
+    def __init__(self, data: Any, name: str) -> None:
+        self.shape, self.dtype = data.shape, data.dtype[name]
+        self._read = data.fields(name)
+
+    def __getitem__(self, at: Any) -> Any:
+        return self._read[at]
+
+
 def _hdf5_leaves(path: Path, matlab: bool, label: str) -> dict[str, Loader]:
     """Every dataset of the file, fields of compound tables and of MATLAB's struct arrays one by one."""
     import h5py
 
     leaves: dict[str, Loader] = {}
 
-    def load(name: str, field: str | None = None, element: int | None = None) -> Loader:
-        def loader() -> NDArray[Any]:
-            try:
-                with h5py.File(path, "r") as file:
-                    data: Any = file[name]
-                    if element is not None:
-                        data = file[np.ravel(data[()])[element]]
-                    array = np.asarray(data.fields(field)[()] if field is not None else data[()])
-            except (OSError, KeyError, RuntimeError, ValueError) as exc:
-                raise InputError(f'{label}: "{name}" cannot be read; the file was cut or damaged. Copy it '
-                                 'again from the recorder.') from exc
-            return array.T if matlab else array  # MATLAB stores columns first
-        return loader
-
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
         if item.dtype.names:
             for part in item.dtype.names:
-                leaves[f"{name}/{part}"] = load(name, field=part)
+                leaves[f"{name}/{part}"] = _Dataset(path, label, matlab, name, field=part)
         elif h5py.check_ref_dtype(item.dtype) is not None:
             group, _, last = name.rpartition("/")
             for i in range(item.size):
                 key = f"{group}({i + 1})/{last}" if group else f"{last}({i + 1})"
-                leaves[key] = load(name, element=i)
+                leaves[key] = _Dataset(path, label, matlab, name, element=i)
         else:
-            leaves[name] = load(name)
+            leaves[name] = _Dataset(path, label, matlab, name)
 
     try:
         with h5py.File(path, "r") as file:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_dea.campaign.scratch import pieces
 from bayes_dea.campaign.vocabulary import COLUMNS, did_you_mean
 from bayes_dea.errors import InputError
 
@@ -39,27 +40,41 @@ def check_columns(label: str, kind: str, columns: Mapping[str, NDArray[np.float6
                          "longer, or take it out of the campaign.")
     for name, values in columns.items():
         # looked at in pieces, as a recording may be long: fmin and fmax need no room of their own
-        if max(float(np.fmax.reduce(values)), -float(np.fmin.reduce(values))) <= LARGEST or np.isnan(values).all():
+        if max(float(np.fmax.reduce(values)), -float(np.fmin.reduce(values))) <= LARGEST or _empty(values):
             continue
-        if np.isinf(values).any():
-            at = int(np.flatnonzero(np.isinf(values))[0])
+        at = first_row(np.isinf, values)
+        if at is not None:
             raise InputError(f"{label}, {where(at)}: {name} is infinite. Write the number, or nan for a gap.")
-        if (np.abs(values) > LARGEST).any():
-            at = int(np.flatnonzero(np.abs(values) > LARGEST)[0])
+        at = first_row(lambda x: np.abs(x) > LARGEST, values)
+        if at is not None:
             raise InputError(f"{label}, {where(at)}: {name} = {values[at]:.3g} cannot be measured; the file "
                              f"is "
                              "damaged there. Write the number, or nan for a gap.")
     if "time_s" in columns:
         _check_time(label, columns["time_s"], where)
     for name, values in columns.items():
-        if np.isnan(values).all():
+        if _empty(values):
             raise InputError(f"{label}: column {name} holds no number at all, only gaps. Take the recording "
                              "or the column out, or record it again.")
 
 
+def _empty(values: NDArray[np.float64]) -> bool:
+    return bool(np.isnan(np.fmax.reduce(values)))
+
+
+def first_row(test: Callable[[NDArray[np.float64]], NDArray[np.bool_]], values: NDArray[np.float64]) -> int | None:
+    """The first row of a column (n,) that passes a test, looked at in pieces; None where none does."""
+    for part in pieces(values.size):
+        found = test(values[part])
+        if found.any():
+            return part.start + int(np.argmax(found))
+    return None
+
+
 def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], str]) -> None:
-    if np.isnan(time).any():
-        at = int(np.flatnonzero(np.isnan(time))[0])
+    gap = first_row(np.isnan, time)
+    if gap is not None:
+        at = gap
         raise InputError(f"{label}, {where(at)}: time_s is missing. Time has no gaps: write the time, or "
                          "delete the row.")
     stuck = np.flatnonzero(time[1:] <= time[:-1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Iterable
 from datetime import datetime
 
@@ -50,7 +51,7 @@ def seconds(texts: Iterable[str], time_format: str) -> NDArray[np.float64]:
         parse = time_of_day
     else:
         parse = _Dated(lambda text: datetime.strptime(text, time_format))
-    out = []
+    out = array("d")
     for index, text in enumerate(texts):
         stripped = text.strip().strip('"')
         if stripped.lower() in _GAPS:
@@ -60,7 +61,7 @@ def seconds(texts: Iterable[str], time_format: str) -> NDArray[np.float64]:
             out.append(parse(stripped))
         except (ValueError, TypeError, OverflowError):
             raise BadTimeError(index, stripped) from None
-    values = np.asarray(out, dtype=np.float64)
+    values = np.frombuffer(out, dtype=np.float64) if out else np.empty(0)
     has_day = time_format == "iso" or any(p in time_format for p in ("%d", "%j", "%x", "%c", "%D"))
     if not has_day:
         values = _past_midnight(values)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.scratch import Scratch, beside, pieces
 from bayes_dea.campaign.tables import Source, Table, open_source
 from bayes_dea.campaign.units import conversion
 from bayes_dea.campaign.vocabulary import COLUMNS, KNOWN_COLUMNS, did_you_mean, near
@@ -25,13 +26,13 @@ class Read:
     warnings: tuple[str, ...]
 
 
-def read_columns(path: Path, kind: str, fmt: FormatMap, label: str) -> Read:
+def read_columns(path: Path, kind: str, fmt: FormatMap, label: str, scratch: Scratch | None = None) -> Read:
     """Reads what a recording of `kind` needs from `path` through `fmt`, in SI units.
 
     A built-in kind takes its own columns (mapped or by our names) and every further mapped one that is no
     column of another kind. A free kind takes the mapped ones. Raises InputError as the readers do.
     """
-    source = open_source(path, fmt, label)
+    source = open_source(path, fmt, label, scratch)
     wanted, warnings = _wanted(source, kind, fmt, label)
     from_file = {own: c for own, c in wanted.items() if c.rate_Hz is None}
     if not from_file:
@@ -40,10 +41,10 @@ def read_columns(path: Path, kind: str, fmt: FormatMap, label: str) -> Read:
     columns: dict[str, NDArray[np.float64]] = {}
     for own, column in wanted.items():
         if column.rate_Hz is not None:
-            columns[own] = np.arange(table.columns[0].size, dtype=np.float64) / column.rate_Hz
+            columns[own] = _clock(table.columns[0], column.rate_Hz)
         else:
             raw = table.columns[list(from_file).index(own)]
-            columns[own] = to_si(raw, column, own, label)
+            columns[own] = to_si(raw, column, own, label, in_place=True)
     return Read(columns, table.where, tuple(warnings) + table.warnings)
 
 
@@ -56,31 +57,64 @@ def cut(table: Table, rows: tuple[int, int] | None, label: str) -> Table:
     if last > size:
         raise InputError(f"{label}: [format] rows asks for row {last} after the header, but the file has {size}. "
                          "Correct rows, or copy the file again if it was cut.")
-    return Table(tuple(c[first - 1:last].copy() for c in table.columns), lambda i: table.where(i + first - 1),
+    return Table(tuple(_rows(c, first - 1, last) for c in table.columns), lambda i: table.where(i + first - 1),
                  table.warnings)
 
 
-def to_si(raw: NDArray[np.float64], column: ColumnMap, own: str, label: str) -> NDArray[np.float64]:
-    """sign * unit(scale * (raw - offset)), done in place where the array is ours.
+def _rows(column: NDArray[np.float64], start: int, stop: int) -> NDArray[np.float64]:
+    """Rows of a column as a column of their own: a view would keep the whole file."""
+    out = beside(column, n=stop - start)
+    for part in pieces(out.size):
+        out[part] = column[start + part.start:start + part.stop]
+    return out
+
+
+def _clock(column: NDArray[np.float64], rate_Hz: float) -> NDArray[np.float64]:
+    """Times (n,) of the rows of a column that was sampled at a rate."""
+    out = beside(column)
+    for part in pieces(out.size):
+        out[part] = np.arange(part.start, part.stop, dtype=np.float64) / rate_Hz
+    return out
+
+
+def to_si(raw: NDArray[np.float64], column: ColumnMap, own: str, label: str,
+          in_place: bool = False) -> NDArray[np.float64]:
+    """sign * unit(scale * (raw - offset)); with `in_place` in the array that was given, which is then ours.
 
     A column taken as it stands comes back unchanged, bit for bit.
     """
-    out = raw
     offset = column.offset
     if offset == "first":
-        finite = np.flatnonzero(np.isfinite(raw))
-        offset = float(raw[finite[0]]) if finite.size else 0.0
-    if offset:
-        out = out - float(offset)
+        offset = _first_finite(raw)
     slope, shift = column.scale * column.sign, 0.0
     if column.unit is not None:
         unit = conversion(column.unit, own, f"{label}, [format] columns.{own}")
         slope, shift = slope * unit.slope, column.sign * unit.shift
-    if slope != 1.0:
-        # dividing by a whole number keeps 12.3 mm at 0.0123 m to the last digit
-        inverse = round(1.0 / slope)
-        out = out / inverse if inverse and abs(slope * inverse - 1.0) < 1e-12 else out * slope
-    return out + shift if shift else out
+    if not offset and slope == 1.0 and not shift:
+        return raw
+    # dividing by a whole number keeps 12.3 mm at 0.0123 m to the last digit
+    inverse = round(1.0 / slope)
+    divides = bool(inverse) and abs(slope * inverse - 1.0) < 1e-12
+    out = raw if in_place else raw.copy()
+    for part in pieces(out.size):
+        piece = out[part]
+        if offset:
+            piece -= float(offset)
+        if slope != 1.0 and divides:
+            piece /= inverse
+        elif slope != 1.0:
+            piece *= slope
+        if shift:
+            piece += shift
+    return out
+
+
+def _first_finite(values: NDArray[np.float64]) -> float:
+    for part in pieces(values.size):
+        finite = np.flatnonzero(np.isfinite(values[part]))
+        if finite.size:
+            return float(values[part][finite[0]])
+    return 0.0
 
 
 def _wanted(source: Source, kind: str, fmt: FormatMap,

@@ -6,15 +6,16 @@ import csv
 import io
 import math
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.clock import BadTimeError, seconds
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.scratch import PIECE, Gathering, Scratch
 from bayes_dea.campaign.tables import Table, missing_column
 from bayes_dea.errors import InputError
 
@@ -30,8 +31,9 @@ _TAIL_ROWS = 1000
 class CsvSource:
     """A CSV file whose header has been read."""
 
-    def __init__(self, path: Path, fmt: FormatMap, label: str) -> None:
+    def __init__(self, path: Path, fmt: FormatMap, label: str, scratch: Scratch | None = None) -> None:
         self.path, self.fmt, self.label = path, fmt, label
+        self._scratch = scratch or Scratch()
         self.encoding = fmt.encoding
         with path.open("rb") as handle:
             start = handle.read(4)
@@ -174,9 +176,11 @@ class CsvSource:
             fast = self._fast(numbers)
             out.update(zip(numbers, fast if fast is not None else self._careful(numbers), strict=True))
         for p, time_format in texts.items():
-            cells = [(row[p] if len(row) > p else "") for _, row in self._rows()]
+            cells = (row[p] if len(row) > p else "" for _, row in self._rows())
             try:
-                out[p] = seconds(cells, time_format)
+                with Gathering(1, self._scratch) as gathered:
+                    gathered.add([seconds(cells, time_format)])
+                    (out[p],) = gathered.columns()
             except BadTimeError as exc:
                 raise InputError(f'{self.label}, {self._where(exc.index)}, column "{_readable(self.names[p])}": '
                                  f'"{exc.text[:40]}" is no time of the format "{time_format}". Correct the cell, or '
@@ -200,7 +204,7 @@ class CsvSource:
         wanted = [str(i) for i in dict.fromkeys(positions)]
         plain = not self.encoding.startswith(_WIDE)  # numbers need no decoding
         try:
-            with self.path.open("rb") as handle:
+            with self.path.open("rb") as handle, Gathering(len(positions), self._scratch) as gathered:
                 if plain:
                     for _ in range(self.data_line - 1):
                         handle.readline()
@@ -214,44 +218,28 @@ class CsvSource:
                         column_types={n: pa.float64() for n in wanted}, include_columns=wanted,
                         null_values=_GAP_SPELLINGS, quoted_strings_can_be_null=True,
                         decimal_point=self.fmt.decimal))
-                out = self._gathered(pieces, wanted, handle)
+                for piece in pieces:
+                    gathered.add([piece.column(str(p)).to_numpy(zero_copy_only=False) for p in positions])
+                return gathered.columns()
         except (pa.ArrowInvalid, pa.ArrowKeyError, UnicodeError, ValueError):
             return None
-        return [out[str(p)] for p in positions]
-
-    def _gathered(self, pieces: Iterable[Any], wanted: Sequence[str],
-                  handle: IO[bytes]) -> dict[str, NDArray[np.float64]]:
-        """The columns of a file that is read in pieces: what is held is the numbers, never the file."""
-        out = {name: np.empty(0) for name in wanted}
-        size, filled = self.path.stat().st_size, 0
-        for piece in pieces:
-            end = filled + piece.num_rows
-            if end > out[wanted[0]].size:
-                # what is still to come, judged by the rows so far; the reader is ahead, so rather too few than too many
-                more = int(1.02 * end * max(size / max(handle.tell(), 1), 1.0)) + 1000
-                for values in out.values():
-                    values.resize(more, refcheck=False)
-            for name, values in out.items():
-                values[filled:end] = piece.column(name).to_numpy(zero_copy_only=False)
-            filled = end
-        for values in out.values():
-            values.resize(filled, refcheck=False)
-        return out
 
     def _fast_whitespace(self, positions: list[int]) -> list[NDArray[np.float64]] | None:
         import pandas as pd
 
         try:
-            frame = pd.read_csv(self.path, sep=r"\s+", header=None, skiprows=self.data_line - 1,
-                                decimal=self.fmt.decimal, encoding=self.encoding, dtype=np.float64,
-                                names=list(range(len(self.names))), index_col=False,
-                                usecols=sorted(set(positions)), keep_default_na=False,
-                                na_values=_GAP_SPELLINGS)
+            with Gathering(len(positions), self._scratch) as gathered, pd.read_csv(
+                    self.path, sep=r"\s+", header=None, skiprows=self.data_line - 1, decimal=self.fmt.decimal,
+                    encoding=self.encoding, dtype=np.float64, names=list(range(len(self.names))), index_col=False,
+                    usecols=sorted(set(positions)), keep_default_na=False, na_values=_GAP_SPELLINGS,
+                    chunksize=PIECE) as frames:
+                for frame in frames:
+                    if frame.isna().to_numpy().any():  # a short row looks like gaps here
+                        return None
+                    gathered.add([frame[p].to_numpy(np.float64) for p in positions])
+                return gathered.columns()
         except (ValueError, UnicodeError):
             return None
-        if frame.isna().to_numpy().any():  # a short row looks like gaps here
-            return None
-        return [frame[p].to_numpy(np.float64) for p in positions]
 
     # -- careful path -----------------------------------------------------------------------------------
 
@@ -279,6 +267,11 @@ class CsvSource:
                                  "recorder.") from exc
 
     def _careful(self, positions: list[int]) -> list[NDArray[np.float64]]:
+        with Gathering(len(positions), self._scratch) as gathered:
+            self._carefully(positions, gathered)
+            return gathered.columns()
+
+    def _carefully(self, positions: list[int], gathered: Gathering) -> None:
         values = [array("d") for _ in positions]  # a list of numbers would take four times as much
         width = len(self.names)
         rows = self._rows()
@@ -298,10 +291,12 @@ class CsvSource:
             for column, p in zip(values, positions, strict=True):
                 value = to_float(cells[p], self.fmt.decimal)
                 if value is None:
-                    raise self._bad_cell(number, p, cells[p].strip(), not values[0])
+                    raise self._bad_cell(number, p, cells[p].strip(), not values[0] and not gathered.rows)
                 column.append(value)
+            if last or len(values[0]) >= PIECE:
+                gathered.add(values)
+                values = [array("d") for _ in positions]
             number, cells = following
-        return [np.frombuffer(v, dtype=np.float64).copy() if v else np.empty(0) for v in values]
 
     def _bad_cell(self, number: int, position: int, text: str, first: bool) -> InputError:
         shown = text if len(text) <= 40 else text[:40] + "..."

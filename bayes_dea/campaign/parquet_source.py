@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.scratch import PIECE, Gathering, Scratch
 from bayes_dea.campaign.tables import Table, missing_column, text_times
 from bayes_dea.errors import InputError
 
@@ -17,11 +18,12 @@ from bayes_dea.errors import InputError
 class ParquetSource:
     """A Parquet file; columns by name, or by index counted from 1."""
 
-    def __init__(self, path: Path, fmt: FormatMap, label: str) -> None:
+    def __init__(self, path: Path, fmt: FormatMap, label: str, scratch: Scratch | None = None) -> None:
         import pyarrow as pa
         from pyarrow import parquet
 
         self.path, self.fmt, self.label = path, fmt, label
+        self._scratch = scratch or Scratch()
         try:
             self.names = tuple(parquet.read_schema(path).names)
         except (pa.ArrowException, OSError) as exc:
@@ -43,44 +45,83 @@ class ParquetSource:
 
         Raises InputError for missing columns and for text that is no time.
         """
-        import pyarrow as pa
-        from pyarrow import parquet
-
         for c in columns:
             if not self.has(c):
                 raise self.missing(c.name or "", c)
         wanted = [c.name if c.name is not None else self.names[(c.index or 1) - 1] for c in columns]
+        with Gathering(len(columns), self._scratch) as gathered:
+            numbers = {}
+            for i, (name, column) in enumerate(zip(wanted, columns, strict=True)):
+                if not self._is_text_time(name, column):
+                    numbers[i] = _converter(self._type(name), name, self.label)
+            times = {i: self._times(wanted[i], columns[i]) for i in range(len(columns)) if i not in numbers}
+            rows = 0
+            for batch in self._batches(wanted):
+                end = rows + batch.num_rows
+                gathered.add([numbers[i](batch.column(name)) if i in numbers else times[i][rows:end]
+                              for i, name in enumerate(wanted)])
+                rows = end
+            arrays = gathered.columns()
+        return Table(tuple(arrays), lambda i: f"row {i + 1}")
+
+    def _type(self, name: str) -> Any:
+        from pyarrow import parquet
+
+        return parquet.read_schema(self.path).field(name).type
+
+    def _is_text_time(self, name: str, column: ColumnMap) -> bool:
+        import pyarrow as pa
+
+        kind = self._type(name)
+        return column.time_format is not None and (pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+    def _times(self, name: str, column: ColumnMap) -> NDArray[np.float64]:
+        texts = (text for batch in self._batches([name]) for text in batch.column(name).to_pylist())
+        return text_times(texts, column, self.label, "row")
+
+    def _batches(self, names: Sequence[str]) -> Iterator[Any]:
+        """Rows in pieces; a buffer keeps a group of rows from being read whole."""
+        import pyarrow as pa
+        from pyarrow import parquet
+
         try:
-            table = parquet.read_table(self.path, columns=list(dict.fromkeys(wanted)))
+            with parquet.ParquetFile(self.path, buffer_size=1 << 20) as file:
+                yield from file.iter_batches(PIECE, columns=list(dict.fromkeys(names)), use_threads=False)
+        except MemoryError:  # which Arrow's is, too
+            raise
         except (pa.ArrowException, OSError) as exc:
             raise InputError(f"{self.label}: cannot be read as Parquet; the file was cut or damaged. Copy it "
                              "again from the recorder.") from exc
-        arrays = []
-        for name, column in zip(wanted, columns, strict=True):
-            kind = table.schema.field(name).type
-            if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
-                arrays.append(_moments(table.column(name)))
-                continue
-            if column.time_format is not None and (pa.types.is_string(kind) or pa.types.is_large_string(kind)):
-                arrays.append(text_times(table.column(name).to_pylist(), column, self.label, "row"))
-                continue
-            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
-                    or pa.types.is_decimal(kind)):
-                raise InputError(f'{self.label}, column "{name}": holds {kind}, not numbers. Write it as '
-                                 'numbers (time in seconds).')
-            arrays.append(np.array(table.column(name).cast(pa.float64()).to_numpy(), dtype=np.float64))
-        return Table(tuple(arrays), lambda i: f"row {i + 1}")
 
 
-def _moments(column: Any) -> NDArray[np.float64]:
-    """Timestamps, times of day and durations as seconds since the first one; nan where there is none."""
+def _converter(kind: Any, name: str, label: str) -> Callable[[Any], NDArray[np.float64]]:
+    """What makes float64 of the pieces of a column of some type, in their order. Raises InputError for no numbers."""
     import pyarrow as pa
 
-    unit = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
-    width = pa.int32() if pa.types.is_time32(column.type) else pa.int64()
-    ticks = column.cast(width).combine_chunks()
-    gaps = np.asarray(ticks.is_null())
-    values = np.asarray(ticks.fill_null(0), dtype=np.int64)
-    known = np.flatnonzero(~gaps)
-    first = values[known[0]] if known.size else 0
-    return np.where(gaps, np.nan, (values - first) / unit)  # differences first: nanoseconds since 1970 need 60 bits
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _Moments()
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
+            or pa.types.is_decimal(kind)):
+        raise InputError(f'{label}, column "{name}": holds {kind}, not numbers. Write it as numbers (time in seconds).')
+    return lambda piece: np.asarray(piece.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+class _Moments:
+    """Timestamps, times of day and durations as seconds since the first one; nan where there is none."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+
+    def __call__(self, column: Any) -> NDArray[np.float64]:
+        import pyarrow as pa
+
+        unit = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+        width = pa.int32() if pa.types.is_time32(column.type) else pa.int64()
+        ticks = column.cast(width)
+        gaps = np.asarray(ticks.is_null())
+        values = np.asarray(ticks.fill_null(0), dtype=np.int64)
+        known = np.flatnonzero(~gaps)
+        if self.first is None and known.size:
+            self.first = int(values[known[0]])
+        # differences first: nanoseconds since 1970 need 60 bits
+        return np.where(gaps, np.nan, (values - (self.first or 0)) / unit)

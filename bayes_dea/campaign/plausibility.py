@@ -11,7 +11,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from bayes_dea.campaign.checks import first_row
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
+from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
 from bayes_dea.errors import InputError
 
@@ -22,6 +24,8 @@ _STROKE_FACTOR = 200.0
 _LONG_S = 3 * 86400.0
 #: what a message ends with when the user may know better
 OVERRIDE = 'If it is right as it is, set plausibility = "warn" in [conventions].'
+#: rows of one of the stretches by which a column is judged that is too long to be looked at whole
+_STRETCH = 5_000
 #: faster than this an actuator may swing against its drive (resonance), and a sign says nothing
 _SLOW_HZ = 5.0
 #: time constants with which the answer may lag behind the drive when its sign is judged, in s
@@ -68,11 +72,17 @@ def usual_span(values: NDArray[np.float64]) -> float:
 
 def _structured(values: NDArray[np.float64]) -> bool:
     """Whether a column is more than white noise: its steps are small against its spread."""
-    finite = values[np.isfinite(values)]
+    # a long recording is judged by stretches from all over it
+    starts = np.linspace(0, values.size - 1, min(400, -(-values.size // _STRETCH))).astype(int)
+    if values.size <= 400 * _STRETCH:
+        stretches = [values[np.isfinite(values)]]
+    else:
+        stretches = [x[np.isfinite(x)] for x in (values[a : a + _STRETCH] for a in starts)]
+    finite = np.concatenate(stretches)
     spread = float(finite.std())
     if spread == 0.0:
         return finite[0] != 0.0
-    return float(np.diff(finite).std()) / np.sqrt(2) < 0.5 * spread
+    return float(np.concatenate([np.diff(x) for x in stretches]).std()) / np.sqrt(2) < 0.5 * spread
 
 
 def _time(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
@@ -130,20 +140,24 @@ def _holes(time: NDArray[np.float64], median: float) -> NDArray[np.intp]:
 
 def dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
     """Crossings of the middle, with a dead band of half the span so that noise does not count, per second."""
-    finite = voltage[np.isfinite(voltage)] if np.isnan(voltage).any() else voltage
-    middle, band = 0.5 * (finite.max() + finite.min()), 0.25 * (finite.max() - finite.min())
-    if band == 0.0 or duration <= 0.0:
+    low, high = float(np.nanmin(voltage)), float(np.nanmax(voltage))
+    middle, band = 0.5 * (high + low), 0.25 * (high - low)
+    if not band > 0.0 or duration <= 0.0:
         return 0.0
-    state = (finite > middle + band).astype(np.int8) - (finite < middle - band).astype(np.int8)
-    state = state[state != 0]
-    crossings = int(np.count_nonzero(np.diff(state)))
+    crossings, last = 0, 0
+    for part in pieces(voltage.size):
+        state = (voltage[part] > middle + band).astype(np.int8) - (voltage[part] < middle - band).astype(np.int8)
+        state = state[state != 0]  # of nan, too
+        if state.size:
+            crossings += int(np.count_nonzero(np.diff(state))) + (last != 0 and int(state[0]) != last)
+            last = int(state[-1])
     return crossings / 2.0 / duration if crossings >= 6 else 0.0
 
 
 def _voltage(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
-    voltage = np.abs(r.columns["voltage_V"])
-    at = int(np.nanargmax(voltage))
-    largest, limit = float(voltage[at]), r.actuator.max_voltage_V
+    voltage = r.columns["voltage_V"]
+    largest, limit = max(float(np.nanmax(voltage)), -float(np.nanmin(voltage))), r.actuator.max_voltage_V
+    at = first_row(lambda x: np.abs(x) == largest, voltage) or 0
     thickness = r.actuator.layer_thickness_m
     if limit is None and thickness is not None and largest / thickness > MAX_FIELD:
         problems.append(f"{r.name}, {where(at)}: voltage_V reaches {largest:g} V, a field of "
@@ -183,9 +197,11 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
               'unit = "mm" } in its [format].')
     usual = usual_span(r.columns["displacement_m"])
     if a.stack_height_m is not None and usual <= a.stack_height_m < stroke:
-        far = np.abs(r.columns["displacement_m"] - np.nanmedian(r.columns["displacement_m"]))
-        at = int(np.nanargmax(far))
-        warnings.append(f"{r.name}, {where(at)}: displacement_m is {far[at]:.3g} m away from its median, "
+        y = r.columns["displacement_m"]
+        middle = float(np.nanmedian(y[:: max(1, y.size // 1_000_000)]))
+        far = max(float(np.nanmax(y)) - middle, middle - float(np.nanmin(y)))
+        at = first_row(lambda x: np.abs(x - middle) >= far * (1 - 1e-12), y) or 0
+        warnings.append(f"{r.name}, {where(at)}: displacement_m is {far:.3g} m away from its median, "
                         f"more than "
                         f"the height of the stack ({a.stack_height_m:g} m). If the sensor dropped out "
                         f"there, write "
@@ -196,10 +212,11 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
         return
     if not r.is_voltage:
         return
-    square = np.square(r.columns["voltage_V"])
+    low, high = float(np.nanmin(r.columns["voltage_V"])), float(np.nanmax(r.columns["voltage_V"]))
+    largest = max(low**2, high**2)
     # a recording may begin after the step, so the most that can be expected counts from rest
-    most = _maxwell_stroke(a, float(np.nanmax(square)))
-    least = _maxwell_stroke(a, _span(square))
+    most = _maxwell_stroke(a, largest)
+    least = _maxwell_stroke(a, largest - (0.0 if low <= 0.0 <= high else min(low**2, high**2)))
     if not most or least is None:
         return
     sensor = sensors.get("displacement", Sensor())
@@ -230,11 +247,10 @@ def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> N
     duration = float(t[-1] - t[0])
     if dominant_frequency(v, duration) > _SLOW_HZ:
         return
-    good = np.isfinite(v) & np.isfinite(y)
+    good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), v, y, dtype=np.bool_)
     if good.sum() < 20:
         return
-    whole = good.all()
-    t, v, answer = (_thinned(x if whole else x[good]) for x in (t, v, y))
+    t, v, answer = (_thinned(x, good) for x in (t, v, y))
     drive = np.square(v)
     if np.ptp(drive) == 0.0:
         return
@@ -258,10 +274,19 @@ def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> N
                         '"displacement_m", sign = -1 } in its [format].')
 
 
-def _thinned(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means of neighbours, so that at most 5,000 values are left."""
-    block = -(-values.size // 5_000)
-    return values[: values.size // block * block].reshape(-1, block).mean(axis=1)
+def _thinned(values: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Means of neighbours among the good rows, so that at most 5,000 values are left."""
+    if good.all():
+        block = -(-values.size // 5_000)
+        return values[: values.size // block * block].reshape(-1, block).mean(axis=1)
+    block = -(-int(good.sum()) // 5_000)
+    means, left = [], np.empty(0)
+    for part in pieces(values.size):
+        left = np.concatenate([left, values[part][good[part]]])
+        whole = left.size // block * block
+        means.append(left[:whole].reshape(-1, block).mean(axis=1))
+        left = left[whole:]
+    return np.concatenate(means)
 
 
 def _lagged(t: NDArray[np.float64], drive: NDArray[np.float64], lag: float) -> NDArray[np.float64]:
@@ -295,7 +320,7 @@ def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:
                         "force_N in its [format].")
     if area is None or travel == 0.0:
         return
-    modulus = float(np.nanmax(np.abs(force))) / area / (travel / height)
+    modulus = max(float(np.nanmax(force)), -float(np.nanmin(force))) / area / (travel / height)
     if modulus > 3e9 or 0.0 < modulus < 100.0:
         problems.append(f"{r.name}: force and travel make a stiffness of about {modulus:.2g} Pa, which no "
                         "elastomer has. Check the units of force_N, position_m, total_area_m2 and "

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from bayes_dea.campaign.columns import read_columns
 from bayes_dea.campaign.document import Document, Entry, read_document
 from bayes_dea.campaign.paths import check_root, find_toml, resolve_file
 from bayes_dea.campaign.schema import Campaign, Recording, Sensor
+from bayes_dea.campaign.scratch import Scratch, ScratchSettings
 from bayes_dea.errors import InputError
 
 #: reading is parsing and hashing outside the interpreter's lock; more threads cost memory and win nothing
@@ -33,17 +35,19 @@ class _Loaded:
 
 
 def load_campaign(paths: Path | str | Sequence[Path | str], data_root: Path | str | None = None,
-                  free_kinds: bool = False, report: Report | None = None) -> Campaign:
+                  free_kinds: bool = False, report: Report | None = None,
+                  scratch: ScratchSettings | None = None) -> Campaign:
     """Reads and checks a campaign.
 
     `paths` is a folder holding campaign.toml, the .toml file itself, or several of them, which become one
     campaign with a specimen each. A recording's file is looked up in the campaign's folder, then in
     `data_root`.
     `free_kinds` accepts every kind that comes with mapped columns (for a model of the user's own). `report` is called
-    with (done, of, name) after each recording of a folder.
+    with (done, of, name) after each recording of a folder. `scratch` says how much of the columns is held in memory and
+    where the others are kept; they are read in pieces and lie in mapped files, of which nothing is left afterwards.
 
     Columns come as read-only float64 arrays (n,) in SI units. Raises InputError for everything that is wrong
-    with the input, naming file, row and remedy.
+    with the input, naming file, row and remedy, BayesDEAError where the folder of the scratch files is full.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     if not given:
@@ -56,7 +60,8 @@ def load_campaign(paths: Path | str | Sequence[Path | str], data_root: Path | st
         seen[toml.resolve()] = toml
     root = check_root(data_root)
     documents = [read_document(toml, free_kinds) for toml in tomls]
-    loaded = [_load_all(document, root, report) for document in documents]
+    room = Scratch(scratch)
+    loaded = [_load_all(document, root, report, room) for document in documents]
     if len(documents) == 1:
         return _campaign(documents[0], loaded[0], [], documents)
     merged, notes = _merge(documents, loaded)
@@ -85,7 +90,7 @@ def _unique(inputs: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
 # -- one folder ---------------------------------------------------------------------------------------------
 
 
-def _load_all(document: Document, root: Path | None, report: Report | None) -> list[_Loaded]:
+def _load_all(document: Document, root: Path | None, report: Report | None, room: Scratch) -> list[_Loaded]:
     folder = document.path.parent
     files: list[Path] = []
     seen: dict[tuple[Path, str], str] = {}
@@ -99,16 +104,16 @@ def _load_all(document: Document, root: Path | None, report: Report | None) -> l
         seen[key] = entry.name
     out: list[_Loaded] = []
     with ThreadPoolExecutor(_THREADS) as pool:
-        for loaded in pool.map(_load, document.entries, files):
+        for loaded in pool.map(_load, document.entries, files, repeat(room)):
             out.append(loaded)
             if report is not None:
                 report(len(out), len(files), loaded.recording.name)
     return out
 
 
-def _load(entry: Entry, path: Path) -> _Loaded:
+def _load(entry: Entry, path: Path, room: Scratch) -> _Loaded:
     try:
-        read = read_columns(path, entry.kind, entry.format, entry.name)
+        read = read_columns(path, entry.kind, entry.format, entry.name, room)
         info = _input(entry.file, path)
     except PermissionError as exc:
         raise InputError(f"{path}: may not be read (permission denied). Change its permissions.") from exc

@@ -19,17 +19,25 @@ from numpy.typing import NDArray
 
 from bayes_dea.campaign.plausibility import dominant_frequency
 from bayes_dea.campaign.schema import Recording, Sensor
+from bayes_dea.campaign.scratch import computed
 
 _SAME_VOLTAGE, _SAME_FREQUENCY = 0.02, 0.10
 FACTOR = 1.5
 _STANDARD_ERRORS = 6.0
 #: a stroke is read where the step was held at least this many samples
 _LEAST_SAMPLES = 20
+#: samples of a long recording that quantiles are taken of, and rows before a step that are looked at
+_ENOUGH, _SEEN_BEFORE = 1_000_000, 5_000_000
+
+
+def _some(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Enough of a long column for its quantiles."""
+    return values[:: max(1, values.size // _ENOUGH)]
 
 
 @dataclass(frozen=True)
 class _Step:
-    """The first long hold of a recording: `rest` is the reading before, (n,) time since the step and displacement."""
+    """The first long hold of a recording: `rest` is the reading before, (n,) time from the step on and displacement."""
 
     volts: float
     rest: float
@@ -38,8 +46,15 @@ class _Step:
 
     def stroke(self, until_s: float) -> float:
         """Median over the later 40 % of the first `until_s` of the hold, less the reading at rest."""
-        window = (self.time >= 0.6 * until_s) & (self.time <= until_s)
-        return float(np.nanmedian(self.reading[window])) - self.rest
+        begin = float(self.time[0])
+        first = int(np.searchsorted(self.time, begin + 0.6 * until_s))
+        last = int(np.searchsorted(self.time, begin + until_s, side="right"))
+        return float(np.nanmedian(_some(self.reading[first:last]))) - self.rest
+
+    @property
+    def length_s(self) -> float:
+        """How long it was held."""
+        return float(self.time[-1] - self.time[0])
 
 
 def check_specimens(recordings: Sequence[Recording], sensors: Mapping[str, Sensor]) -> list[str]:
@@ -71,7 +86,7 @@ def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], wave
     one, two = steps[a.name], steps[b.name]
     if one is not None and two is not None:
         volts = (one.volts, two.volts)
-        until = min(float(one.time[-1]), float(two.time[-1]))
+        until = min(one.length_s, two.length_s)
         strokes = (one.stroke(until), two.stroke(until))
         what = f"{until:.3g} s after the step"
     elif waves[a.name] > 0.0 and waves[b.name] > 0.0:
@@ -97,7 +112,8 @@ def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], wave
 
 
 def _largest(r: Recording) -> float:
-    return float(np.nanmax(np.abs(r.columns["voltage_V"])))
+    volts = r.columns["voltage_V"]
+    return max(float(np.nanmax(volts)), -float(np.nanmin(volts)))
 
 
 def _held_step(r: Recording) -> _Step | None:
@@ -106,8 +122,9 @@ def _held_step(r: Recording) -> _Step | None:
     top = _largest(r)
     if top <= 0.0:
         return None
-    on = np.abs(v) >= 0.98 * top
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
+    on = computed(lambda x: np.abs(x) >= 0.98 * top, v, dtype=np.bool_)
+    changes = 1 + np.flatnonzero(on[1:] != on[:-1])
+    edges = np.concatenate([[0] if on[0] else [], changes, [on.size] if on[-1] else []]).astype(np.int64)
     begins, ends = edges[::2], edges[1::2]
     if begins.size == 0 or begins.size > 1000:
         return None
@@ -117,12 +134,13 @@ def _held_step(r: Recording) -> _Step | None:
     if end - begin < 2 * _LEAST_SAMPLES or length < 0.2 * float(t[-1] - t[0]):
         return None
     # the last rows before it at rest, and not a ramp that took its time
-    off = np.flatnonzero(np.abs(v[:begin]) <= 0.02 * top)
+    early = max(0, begin - _SEEN_BEFORE)
+    off = early + np.flatnonzero(np.abs(v[early:begin]) <= 0.02 * top)
     if off.size < _LEAST_SAMPLES or float(t[begin] - t[off[-1]]) > 0.02 * length:
         return None
     rest = y[off[-_LEAST_SAMPLES:]]
-    time, reading = t[begin:end] - t[begin], y[begin:end]
-    if not np.isfinite(rest).any() or np.isfinite(reading).sum() < 2 * _LEAST_SAMPLES:
+    time, reading = t[begin:end], y[begin:end]
+    if not np.isfinite(rest).any() or np.isfinite(reading[:_ENOUGH]).sum() < 2 * _LEAST_SAMPLES:
         return None
     return _Step(top, float(np.nanmedian(rest)), time, reading)
 
@@ -133,7 +151,7 @@ def _frequency(r: Recording) -> float:
 
 def _later_span(r: Recording) -> float:
     y = r.columns["displacement_m"]
-    y = y[y.size // 2:]
+    y = _some(y[y.size // 2:])
     if np.isfinite(y).sum() < _LEAST_SAMPLES:
         return float("nan")
     low, high = np.nanpercentile(y, [5, 95])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
+from bayes_dea.campaign.scratch import Scratch
 from bayes_dea.campaign.vocabulary import did_you_mean
 from bayes_dea.errors import InputError
 
@@ -63,8 +64,8 @@ def file_type(path: Path, fmt: FormatMap) -> str:
     return _SUFFIXES.get(path.suffix.lower(), "csv")
 
 
-def open_source(path: Path, fmt: FormatMap, label: str) -> Source:
-    """Opens a recording's file. `label` is what messages call it.
+def open_source(path: Path, fmt: FormatMap, label: str, scratch: Scratch | None = None) -> Source:
+    """Opens a recording's file. `label` is what messages call it; `scratch` the room for columns that are long.
 
     Raises InputError for a file that is empty, cut or of another type than it says.
     """
@@ -74,14 +75,14 @@ def open_source(path: Path, fmt: FormatMap, label: str) -> Source:
     if kind == "csv":
         from bayes_dea.campaign.csv_source import CsvSource
 
-        return CsvSource(path, fmt, label)
+        return CsvSource(path, fmt, label, scratch)
     if kind == "parquet":
         from bayes_dea.campaign.parquet_source import ParquetSource
 
-        return ParquetSource(path, fmt, label)
+        return ParquetSource(path, fmt, label, scratch)
     from bayes_dea.campaign.array_source import open_arrays
 
-    return open_arrays(path, fmt, label, kind)
+    return open_arrays(path, fmt, label, kind, scratch)
 
 
 def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str],
@@ -97,7 +98,7 @@ def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str]
     return InputError(f"{label}: {called} is missing. {found} {remedy}")
 
 
-def text_times(texts: Sequence[object], column: ColumnMap, label: str, what: str) -> NDArray[np.float64]:
+def text_times(texts: Iterable[object], column: ColumnMap, label: str, what: str) -> NDArray[np.float64]:
     """A column of texts as seconds, through its `time_format`. Raises InputError naming the first that is no time."""
     from bayes_dea.campaign.clock import BadTimeError, seconds
 

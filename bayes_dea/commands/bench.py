@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import OutOption, QuietOption, SeedOption, count, name, number
+from .options import OutOption, QuietOption, SeedOption, count, name, number, writing
 from .progress import progress
 
 EXAMPLE = "Example: bayes-dea bench --preset quickstart --out quickstart"
@@ -38,7 +38,7 @@ def bench(
     from ..bench.run import run_bench
 
     active = (read_effects(effects) if effects is not None else {}) | dict(map(parse_effect, effect or []))
-    with progress(quiet) as report:
+    with writing(out), progress(quiet) as report:
         folder = run_bench(out, preset, seed, material=material, noise_scale=noise_scale,
                            noise_correlation=noise_correlation, dropouts=dropouts, mains_m=mains_m, gaps=gaps,
                            clock_unevenness=clock_unevenness, effects=active, truth=truth,

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from .options import (
+    MEMORY_MB,
+    CampaignArgument,
+    DataRootOption,
     JsonOption,
+    MemoryOption,
+    ModelOption,
     OutOption,
+    PriorOption,
+    PriorsOption,
     QuietOption,
+    ScratchOption,
     SeedOption,
     WorkersOption,
     conclude,
-    folder,
     overrides,
+    room,
     threads,
-    writable,
+    writing,
 )
 from .progress import progress
 
@@ -26,17 +31,16 @@ EXAMPLE = "Example: bayes-dea diagnose quickstart --model hooke+gm3 --out out"
 
 
 def diagnose(
-    campaign: Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folder with campaign.toml; several: "
-                                                   "one campaign, a specimen each.")],
-    model: Annotated[str, typer.Option(metavar="SPEC", help="Structure to be doubted, e.g. hooke+gm3; effects that "
-                                       "are known to be there are joined with +.")],
+    campaign: CampaignArgument,
+    model: ModelOption,
     out: OutOption = Path("out"),
     seed: SeedOption = 1,
     workers: WorkersOption = 0,
-    prior: Annotated[list[str] | None, typer.Option(metavar="TEXT", help="Override a prior, as in calibrate.")] = None,
-    priors: Annotated[Path | None, typer.Option(metavar="FILE", help="File with priors that replace the default "
-                                                "ones.")] = None,
-    data_root: Annotated[Path | None, folder(help="Folder where recordings may lie besides the campaign.")] = None,
+    prior: PriorOption = None,
+    priors: PriorsOption = None,
+    data_root: DataRootOption = None,
+    memory: MemoryOption = MEMORY_MB,
+    scratch: ScratchOption = None,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -55,10 +59,13 @@ def diagnose(
         report("reading recordings", 0, 1, "")
         given = overrides(prior, priors)
         structure = build_model(model, given)
-        loaded = load_campaign(campaign, data_root)
-        writable(out)
-        result = run(loaded, structure, seed, DiagnosisSettings(workers=threads(workers)), report=report, priors=given)
-        result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
-        report("writing the report", 0, 1, str(out))
-        save_diagnosis(result, out)
+        loaded = load_campaign(campaign, data_root, report=lambda *at: report("reading recordings", *at),
+                               scratch=room(memory, scratch))
+        with writing(out):
+            settings = DiagnosisSettings(workers=threads(workers))
+            result = run(loaded, structure, seed, settings, report=report, priors=given)
+            result.summary["meta"] = dict(loaded.meta)
+            result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
+            report("drawing the page", 0, 1, str(out))
+            save_diagnosis(result, out, lambda *at: report("drawing the page", *at))
     conclude(quiet, json_output, out / DIAGNOSIS_FILE, terminal_summary(result.summary), out / REPORT_FILE)

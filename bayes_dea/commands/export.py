@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .options import JsonOption, QuietOption, count, folder, name, number, writable
+from .options import JsonOption, QuietOption, count, folder, name, number, writing
 from .options import seconds as duration
 
 EXAMPLE = "Example: bayes-dea export out --to matlab --sample-time 0.001"
@@ -43,9 +43,9 @@ def export(
 
     source = open_calibration(calibration)
     target = out or calibration
-    writable(target)
-    path = export_state_space(source, to, target, sample_time_s=sample_time, draws=draws, hold=hold,
-                              specimen=specimen, at_voltage_V=at_voltage)
+    with writing(target):
+        path = export_state_space(source, to, target, sample_time_s=sample_time, draws=draws, hold=hold,
+                                  specimen=specimen, at_voltage_V=at_voltage)
     if json_output:
         typer.echo((target / SUMMARY_FILE).read_text(encoding="utf-8"), nl=False)
     elif not quiet:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import OutOption, QuietOption, writable
+from .options import OutOption, QuietOption, writing
 from .progress import progress
 
 if TYPE_CHECKING:
@@ -66,9 +66,8 @@ def import_(
             raise InputError(f"--answer {text}: write it as FILE:MATTER=VALUE, as the question names it.")
         answers[key] = value
     there = sys.stdin.isatty() and sys.stdout.isatty() and not quiet and not json_output
-    writable(out)
     # questions and a progress bar would write over each other
-    with progress(quiet or json_output or there) as report:
+    with writing(out), progress(quiet or json_output or there) as report:
         done = import_files(
             files, out, answered(answers, _ask if there else nobody), actuator, copy, overwrite, report
         )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import sys
 import tempfile
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +17,7 @@ import typer
 from ..errors import BayesDEAError, InputError
 
 if TYPE_CHECKING:
+    from ..campaign.scratch import ScratchSettings
     from ..priors import Parameter, Prior
 
 # short words for what an option takes, so that --help fits 80 columns
@@ -32,6 +36,22 @@ ResumeOption = Annotated[bool, typer.Option("--resume", help="Continue an interr
                                             "there is one; it also happens unsaid.")]
 AnewOption = Annotated[bool, typer.Option("--anew", help="Begin anew, also where a run was interrupted.")]
 
+# what every verb takes that fits a model to a campaign
+CampaignArgument = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folder with campaign.toml; several: "
+                                                        "one campaign, a specimen each.")]
+ModelOption = Annotated[str, typer.Option(metavar="SPEC", help="Structure: static law + network, e.g. hooke+gm3, "
+                                          "yeoh+gkv2, hooke+gkm3, pz3, ss3; effects that are known to be there are "
+                                          "joined with +.")]
+PriorOption = Annotated[list[str] | None, typer.Option(metavar="TEXT", help="Override a prior: 'Y_Pa=lognormal(1.2e6, "
+                                                       "0.3)', or fix: 'Y_Pa=1.2e6'. May be given several times.")]
+PriorsOption = Annotated[Path | None, typer.Option(metavar="FILE", help="File with priors that replace the default "
+                                                   "ones (see priors/README.md).")]
+DataRootOption = Annotated[Path | None, folder(help="Folder where recordings may lie besides the campaign.")]
+MemoryOption = Annotated[float, typer.Option(metavar="MB", min=0.0, help="Columns of recordings held in memory; longer "
+                                             "ones lie in scratch files.")]
+ScratchOption = Annotated[Path | None, folder(help="Folder for scratch files, of which nothing is left afterwards; by "
+                                              "default the system's temporary one (TMPDIR).")]
+MEMORY_MB = 256.0
 
 
 def threads(workers: int) -> int:
@@ -68,6 +88,29 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
         name, value = parse_override(text)
         out[name] = value
     return out
+
+
+def room(memory_MB: float, scratch: Path | None) -> ScratchSettings:
+    """What --memory and --scratch say."""
+    from ..campaign.scratch import ScratchSettings
+
+    return ScratchSettings(scratch, int(memory_MB * 2**20))
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """The folder, tried now and kept from other runs until the work is done. Raises as `writable` and `locked` do."""
+    from ..run_state import locked
+
+    made = not folder.exists()
+    writable(folder)
+    try:
+        with locked(folder, " ".join(["bayes-dea", *sys.argv[1:2]])):
+            yield
+    finally:
+        if made:  # for nothing, as it turned out
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def writable(folder: Path) -> None:

@@ -18,7 +18,7 @@ from .options import (
     folder,
     name,
     threads,
-    writable,
+    writing,
 )
 from .progress import progress
 
@@ -67,8 +67,8 @@ def predict(
         result = (answer if signal is not None else command_for)(calibration, given, **options)  # type: ignore[arg-type]
         result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
         report("writing the results", 0, 1, str(target))
-        writable(target)
-        result.save(target)
+        with writing(target):
+            result.save(target)
     text = terminal_summary(result.summary)
     if wanted is not None:
         text += f"\n\nCommand: {target / COMMAND_FILE}"

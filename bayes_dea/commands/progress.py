@@ -104,6 +104,10 @@ class Interrupted(BaseException):
         self.exit_status = 128 + number
 
 
+#: functions that numba's C code calls as it loads a compiled one: an exception out of them ends in a SystemError
+_DEAF = frozenset({"_numba_unpickle"})
+
+
 class Signals:
     """SIGINT and SIGTERM raised as `Interrupted` where they arrive."""
 
@@ -143,7 +147,8 @@ class Signals:
 
     def _raise(self, error: Interrupted, frame: FrameType | None) -> None:
         while frame is not None:
-            if frame.f_code is Signals._unraisable.__code__:  # what is raised in there is lost for good
+            # what is raised in there is lost for good: nobody may raise here, or C code called it that cannot carry it
+            if frame.f_code is Signals._unraisable.__code__ or frame.f_code.co_name in _DEAF:
                 self._later(error)
                 return
             frame = frame.f_back

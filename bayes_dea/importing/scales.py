@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayes_dea.campaign.columns import to_si
 from bayes_dea.campaign.format_map import ColumnMap
@@ -149,12 +150,21 @@ def _by_geometry(candidates: tuple[str, ...], role: Role, actuator: Actuator) ->
 
 def _without_repeats(column: ColumnMap, role: Role, table: RawTable, book: Notebook) -> ColumnMap:
     """The column, or a rate in its place where the times have too few digits to tell the rows apart."""
-    steps = np.diff(to_si(role.values, column, "time_s", table.label))
+    times = to_si(role.values, column, "time_s", table.label)
+    steps = np.diff(times)
     if float(np.mean(steps == 0)) < 0.2 or bool(np.any(steps < 0)):
         return column
     if table.rate_Hz is not None:
         book.reason(f"{role.column.label}: too few digits, so {table.rate_Hz:.6g} samples a second ({table.rate_from})")
         return ColumnMap(rate_Hz=float(f"{table.rate_Hz:.10g}"))
+    regular = _evenly_repeated(times)
+    if regular is not None:
+        rows, rate_Hz = regular[0], regular[0] / regular[1]
+        book.reason(
+            f"{role.column.label}: too few digits, but evenly so: every time stands on {rows} rows, and the next is "
+            f"{regular[1]:.6g} s later, so {rate_Hz:.6g} samples a second"
+        )
+        return ColumnMap(rate_Hz=float(f"{rate_Hz:.10g}"))
     mean = f"{steps.size / float(steps.sum()):.4g}"
     rate = book.question(
         "rate_Hz",
@@ -163,6 +173,26 @@ def _without_repeats(column: ColumnMap, role: Role, table: RawTable, book: Noteb
         fallback=mean,
     )
     return ColumnMap(rate_Hz=float(rate or mean))
+
+
+def _evenly_repeated(times: NDArray[np.float64]) -> tuple[int, float] | None:
+    """(rows on which each time stands, step between times) where both are the same throughout; None otherwise.
+
+    Only the first and the last time may stand on fewer rows. Samples that were lost, or a rate that is no multiple of
+    the last digit, would break the pattern somewhere, so twenty times that keep it leave no other reading.
+    """
+    if times.size == 0 or not np.isfinite(times).all():
+        return None
+    begins = np.concatenate([[0], 1 + np.flatnonzero(np.diff(times) != 0)])
+    rows = np.diff(np.append(begins, times.size))
+    steps = np.diff(times[begins])
+    if rows.size < 20 or np.any(rows[1:-1] != rows[1]) or max(rows[0], rows[-1]) > rows[1] or rows[1] < 2:
+        return None
+    step = float(np.median(steps))
+    # what is left of a step after rounding to its last digit
+    if np.max(np.abs(steps - step)) > 1e-6 * step + 4 * np.finfo(float).eps * float(np.max(np.abs(times))):
+        return None
+    return int(rows[1]), float((times[begins[-1]] - times[0]) / steps.size)
 
 
 def time_column(

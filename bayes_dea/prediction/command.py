@@ -16,9 +16,11 @@ from ..errors import InputError
 from ..forward import row_durations
 from ..models.chain import materials
 from ..models.electrostatics import stress_factor, stroke_factor, voltage_drive
+from ..models.lags import simulate_modes
 from .answer import DRAWS, Report, answer, as_recording, simulators_for
 from .bands import CHUNK
 from .calibrated import Calibrated, open_calibration
+from .follow import follow
 from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, invert_linear, invert_material
 from .limits import check_units, seen_by
 from .result import SignalPrediction, Unmet
@@ -29,12 +31,14 @@ if TYPE_CHECKING:
 
 #: a stroke is met when it is predicted to this accuracy
 MET_TO_M = 1e-9
+#: share of the rows that a command may miss more than another when it does not shake
+_WORTH_SMOOTHNESS = 0.01
 #: intervals that prediction.json lists one by one
 LISTED = 200
 #: rounds in which the mean of the draws is brought onto the wish, for laws where it is not the answer of one of them
 _ROUNDS = 4
 WHY = {
-    MET: "the inversion of this model is approximate there",
+    MET: "a command that meets it would shake from row to row; the smoothest one that comes near was taken",
     ABOVE: "it would need more than the largest voltage",
     NEGATIVE: "the actuator would have to be pulled back: at 0 V it returns by itself, no faster",
     FAST: "it would need a faster change than the highest frequency allows",
@@ -60,8 +64,8 @@ def command_for(
     wanted: a file or arrays (n,), time_s and displacement_m, from rest. The posterior mean of the predicted stroke
     follows it to below a nanometre wherever that is possible; `unmet` of the result names the intervals where it is
     not, with the reason. The command is `time_s` and `values` (V) of the result, command.csv when it is saved. With a
-    black box (pz3, ss3) the stroke is met to the resolution of the sensor only. Other arguments and errors as for
-    `predict`.
+    black box (pz3, ss3), whose exact inverse would shake from row to row, it is the smoothest command that meets the
+    stroke to the resolution of the sensor. Other arguments and errors as for `predict`.
     """
     began = time.perf_counter()
     say = report or (lambda *_: None)
@@ -92,10 +96,15 @@ def command_for(
     inverted = time.perf_counter()
     given = answer(c, command, draws, seed, name, hold, workers, report, inverted)
     black_box = c.structure.model.is_black_box
-    resolution = float(c.summary.get("sensors", {}).get("displacement", {}).get("resolution") or 1e-7)
-    unmet = intervals(wish.time_s, given.mean - wish.values, found.flag, resolution if black_box else MET_TO_M)
+    tolerance = resolution_of(c) if black_box else MET_TO_M
+    unmet = intervals(wish.time_s, given.mean - wish.values, found.flag, tolerance)
     summary = _summary(given.summary, wish, given.mean, unmet, limits, inverted - began)
     return replace(given, summary=summary, wanted=wish.values, unmet=unmet)
+
+
+def resolution_of(c: Calibrated) -> float:
+    """Resolution (m) of the displacement sensor: a black box is to follow a wish to it; 0.1 um where none is stated."""
+    return float(c.summary.get("sensors", {}).get("displacement", {}).get("resolution") or 1e-7)
 
 
 def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[Limits, list[str]]:
@@ -144,15 +153,27 @@ def _invert(
         # the mean of all draws is itself a linear network, that of all their lags
         D, modes, T = model.modes(z)
         network = float(D.mean()), np.ascontiguousarray((modes / len(D)).ravel()), np.ascontiguousarray(T.ravel())
-        exact = invert_linear(time_s, drive, factor, network, wish, limits)
-        if not model.is_black_box or (np.all(exact.flag == MET) and limits.frequency_Hz > 0):
-            return exact
+        if not model.is_black_box:
+            return invert_linear(time_s, drive, factor, network, wish, limits)
+        _, middle, T_middle = model.modes(z.mean(axis=0)[None])
+        smooth = follow(
+            time_s, drive, factor, network[1:], (middle[0], T_middle[0]), wish, limits, resolution_of(c) / stroke
+        )
         fastest = T.min(axis=1, keepdims=True)
         slow = np.argsort(T, axis=1)[:, 1:]
         c_slow = np.take_along_axis(modes * (1 - fastest / T), slow, 1) / len(D)
         T_slow = np.take_along_axis(T, slow, 1)
         behind = (np.ascontiguousarray(c_slow.ravel()), np.ascontiguousarray(T_slow.ravel()), float(fastest.mean()))
-        return invert_linear(time_s, drive, factor, network, wish, limits, behind)
+        stepwise = invert_linear(time_s, drive, factor, network, wish, limits, behind)
+
+        def missed(found: Inverted) -> float:
+            drive_of = replace(drive, stress=factor * found.voltage**2, middle=factor * found.voltage**2)
+            there, _ = simulate_modes(drive_of, *network)
+            return float(np.mean(np.abs(there - wish) * stroke > resolution_of(c)))
+
+        # a wish that is out of reach for long is better followed from row to row: what cannot be met is then given up
+        # where it comes, and not prepared for
+        return smooth if missed(smooth) <= missed(stepwise) + _WORTH_SMOOTHNESS else stepwise
     material = materials(model, c.coordinates(recording.specimen))
     h = row_durations(drive)
     goal = wish.copy()
@@ -183,9 +204,8 @@ def _mean(c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int) 
 
 
 def intervals(time_s: Array, miss: Array, flag: NDArray[np.int8], tolerance: float) -> tuple[Unmet, ...]:
-    """Runs of rows that miss the wish for one and the same reason: by more than MET_TO_M, or `tolerance` (m) where
-    no limit is in the way."""
-    code = np.where(np.abs(miss) > np.where(flag == MET, tolerance, MET_TO_M), flag, -1)
+    """Runs of rows that miss the wish by more than `tolerance` (m) for one and the same reason."""
+    code = np.where(np.abs(miss) > tolerance, flag, -1)
     edges = np.flatnonzero(np.diff(code)) + 1
     bounds = np.concatenate([[0], edges, [code.size]])
     return tuple(

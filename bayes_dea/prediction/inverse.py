@@ -10,7 +10,8 @@ turns are causal: a row knows the rows before it only.
 
 A network without an instantaneous part and two poles more than zeros (pz3, ss3) cannot be inverted at every row
 without ringing: its sampled form has a zero near -1 (Astrom, Hagander, Sternby 1984, doi
-10.1016/0005-1098(84)90062-1). There the wish is passed backwards through the fastest lag first, and met approximately.
+10.1016/0005-1098(84)90062-1). There `follow` finds the smoothest command; where the wish is out of reach for long, it
+is passed backwards through the fastest lag first and followed row after row, approximately.
 """
 
 from __future__ import annotations

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import zipfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..results import read_json, write_atomic
+from . import digits
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
+from .tables import origin_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 _TEMPLATE = "diagnosis.html.j2"
 _MOST_RECORDINGS = 8
 
 
-def write_diagnosis_page(folder: Path) -> Path:
-    """Draw report.html from diagnosis.json and diagnosis.npz in `folder` and return its path."""
+def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], None] | None = None) -> Path:
+    """Draw report.html from diagnosis.json and diagnosis.npz in `folder` and return its path.
+
+    report: called with (done, of, text) as pictures are drawn. Raises InputError when a file is missing or broken.
+    """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     try:
@@ -37,17 +46,32 @@ def write_diagnosis_page(folder: Path) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    worst = _worst(summary, data)
+    drawings: list[tuple[str, Callable[[], Picture | None]]] = [
+        *(("where", partial(_residuals, summary, data, i)) for i in worst),
+        ("probabilities", partial(_probabilities, summary)),
+        ("edges", partial(_edge_map, data)),
+        ("harmonics", partial(_harmonic_map, data)),
+        ("proof", partial(_proof, summary)),
+        ("worst", partial(_before_after, summary, data)),
+    ]
+    pictures: dict[str, Any] = {"where": []}
     with looks():
-        pictures = {
-            "probabilities": _probabilities(summary),
-            "where": [_residuals(summary, data, i) for i in _worst(summary, data)],
-            "edges": _edge_map(data),
-            "harmonics": _harmonic_map(data),
-            "proof": _proof(summary),
-            "worst": _before_after(summary, data),
-        }
+        for done, (name, draw) in enumerate(drawings, start=1):
+            if name == "where":
+                pictures[name].append(draw())
+            else:
+                pictures[name] = draw()
+            if report is not None:
+                report(done, len(drawings), name)
+    origin = origin_of(summary.get("meta") or {})
     html = environment.get_template(_TEMPLATE).render(
         s=summary,
+        statement=digits.page_text(summary["statement"]),
+        warnings=[digits.page_text(str(w)) for w in summary["warnings"]],
+        ask=", ".join(f"{k} = {_told(v)}" for k, v in (summary["next_experiment"].get("recording") or {}).items()),
+        origin=origin,
+        simulated=any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
         p=pictures,
         hypotheses=_rows(summary),
         command=shlex.join(summary.get("command", [])) or None,
@@ -66,14 +90,29 @@ def _worst(summary: dict[str, Any], data: dict[str, Array]) -> list[int]:
     return order[:_MOST_RECORDINGS]
 
 
-def _number(value: float | None, digits: int = 3) -> str:
-    return "–" if value is None else f"{value:.{digits}g}"
+def _with_sd(entry: dict[str, Any]) -> str:
+    """A parameter with its standard deviation and unit: ``133.0 ± 6.0 kΩ``."""
+    mean, sd = entry["mean"], entry["sd"]
+    if not digits.is_number(mean) or not digits.is_number(sd):
+        return digits.MISSING
+    scale = digits.scale_for(max(abs(mean), sd), entry["unit"])
+    decimals = digits.decimals_for(scale(sd))
+    return f"{digits.fixed(scale(mean), decimals)} ± {digits.fixed(scale(sd), decimals)} {scale.unit}".strip()
+
+
+def _short(name: str, most: int = 30) -> str:
+    """A name that leaves room for the picture beside it: its middle goes."""
+    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 + 1 :]}"
+
+
+def _told(value: Any) -> str:
+    return digits.significant(value) if digits.is_number(value) else str(value)
 
 
 def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     out = []
     for h in summary["hypotheses"][:12]:
-        numbers = "; ".join(f"{k} = {v['mean']:.3g} ± {v['sd']:.2g} {v['unit']}" for k, v in h["parameters"].items())
+        numbers = "; ".join(f"{k} = {_with_sd(v)}" for k, v in h["parameters"].items())
         p = h["probability"]
         out.append(
             {
@@ -129,7 +168,7 @@ def _probabilities(summary: dict[str, Any]) -> Picture:
     p = np.array([h["probability"] for h in rows])
     colours = [VERMILLION if h["name"] == summary["verdict"] else GREY for h in rows]
     ax.barh(y, np.maximum(p, 1e-6), color=colours, height=0.62)
-    ax.set_yticks(y, [h["name"] for h in rows])
+    ax.set_yticks(y, [_short(h["name"], 46) for h in rows])
     for k, v in zip(y, p, strict=True):
         ax.text(min(v * 1.15, 1.6), float(k), f"{100 * v:.3g} %", va="center", fontsize=8)
     set_log_x(ax, 1e-6, 8.0)
@@ -148,46 +187,55 @@ def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Pictu
     t, before, after, u = (data[f"{k}_{i}"] for k in ("time", "before", "after", "input"))
     force = bool(data["force"][i])
     scale, unit = (1e3, "mN") if force else (1e6, "µm")
-    figure = new_figure(2.3)
+    figure = new_figure(2.6)
     top, ax = figure.subplots(2, 1, sharex=True, height_ratios=[1, 3])
     top.plot(t, u, color=BLACK, linewidth=0.8)
     top.set_ylabel("mm" if force else "V")
-    for w in summary["mismatch"]["where"]:
-        if w["recording"] == name:
-            for a in (top, ax):
-                a.axvspan(
-                    w["t_start_s"],
-                    max(w["t_end_s"], w["t_start_s"] + 1e-3 * float(np.ptp(t))),
-                    color=ORANGE,
-                    alpha=0.3,
-                    linewidth=0,
-                )
+    stretches = [w for w in summary["mismatch"]["where"] if w["recording"] == name]
+    for w in stretches:
+        end = max(w["t_end_s"], w["t_start_s"] + 1e-3 * float(np.ptp(t)))
+        for a in (top, ax):
+            a.axvspan(w["t_start_s"], end, color=ORANGE, alpha=0.3, linewidth=0)
     ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="model as given")
-    ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="corrected")
+    if summary["verdict"] != "none":
+        ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="corrected")
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.set_ylabel(f"measured − model\n({unit})")
     ax.set_xlabel("time (s)")
-    ax.legend(loc="upper right", ncols=2)
+    _legend_above(top, ax)
     figure.tight_layout()
+    shaded = (
+        "Shaded: stretches where the difference is larger than chance allows anywhere in the campaign in 99 of 100 "
+        "cases."
+        if stretches
+        else "Nowhere is it larger than chance allows anywhere in the campaign in 99 of 100 cases."
+    )
     return picture(
         figure,
-        f"{name}: what the model misses (block means). Shaded: stretches where the difference is larger than "
-        "chance allows anywhere in the campaign in 99 of 100 cases.",
+        f"{name}: what the model misses (means over blocks; right after an edge single samples, which scatter most). "
+        f"{shaded}",
         f"residuals of {name}",
     )
+
+
+def _legend_above(place: Axes, of: Axes) -> None:
+    """The legend of `of` above `place`, where no line runs."""
+    lines, labels = of.get_legend_handles_labels()
+    place.legend(lines, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=3)
 
 
 def _edge_map(data: dict[str, Array]) -> Picture | None:
     values, levels, borders = data["edge_map"], data["edge_levels"], data["edge_since"]
     if not np.isfinite(values).any():
         return None
-    figure = new_figure(2.6)
+    figure = new_figure(2.8)
+    figure.set_layout_engine("constrained")
     axes = figure.subplots(1, 2, sharey=True)
     size = max(float(np.nanmax(np.abs(values))) * 1e6, 1e-3)
     shown = None
     for ax, v, title in zip(axes, values, ("after rising edges", "after falling edges"), strict=True):
         shown = ax.pcolormesh(np.arange(borders.size), levels, v * 1e6, cmap="RdBu_r", vmin=-size, vmax=size)
-        ax.set_xticks(np.arange(borders.size)[::2], [f"{b:g}" for b in borders[::2]])
+        ax.set_xticks(np.arange(borders.size)[::3], [f"{b:g}" for b in borders[::3]])
         ax.set_title(title)
         ax.set_xlabel("time since the edge (s)")
     axes[0].set_ylabel("voltage (V)")
@@ -205,11 +253,11 @@ def _harmonic_map(data: dict[str, Array]) -> Picture | None:
     values, frequencies = data["harmonics"], data["frequencies"]
     if values.size == 0:
         return None
-    figure = new_figure(0.9 + 0.25 * frequencies.size)
+    figure = new_figure(1.0 + 0.28 * max(frequencies.size, 2))
     ax = figure.add_subplot()
     shown = ax.pcolormesh(np.arange(values.shape[1] + 1), np.arange(values.shape[0] + 1), values * 1e6, cmap="viridis")
     ax.set_xticks(np.arange(values.shape[1]) + 0.5, [str(k + 1) for k in range(values.shape[1])])
-    ax.set_yticks(np.arange(values.shape[0]) + 0.5, [str(n) for n in data["wave_names"]])
+    ax.set_yticks(np.arange(values.shape[0]) + 0.5, [_short(str(n)) for n in data["wave_names"]])
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
             v = values[r, c] * 1e6
@@ -223,7 +271,7 @@ def _harmonic_map(data: dict[str, Array]) -> Picture | None:
                 color="white" if v < 0.6 * values.max() * 1e6 else "black",
             )
     ax.set_xlabel("harmonic of the excitation")
-    figure.colorbar(shown, ax=ax, label="amplitude (µm)")
+    figure.colorbar(shown, ax=ax, label="µm")
     figure.tight_layout()
     return picture(
         figure,
@@ -237,7 +285,7 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     rows = [h for h in summary["proof"]["held_out"] if "rmse_before_m" in h]
     if not rows:
         return None
-    figure = new_figure(0.8 + 0.3 * len(rows))
+    figure = new_figure(1.0 + 0.3 * len(rows))
     ax = figure.add_subplot()
     y = np.arange(len(rows))[::-1]
     before, after, noise = (1e6 * np.array([h[f"{k}_m"] for h in rows]) for k in ("rmse_before", "rmse_after", "noise"))
@@ -245,15 +293,16 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     ax.plot(before, y, "o", color=VERMILLION, label="before")
     ax.plot(after, y, "s", color=BLUE, label="after")
     ax.plot(noise, y, "|", color=BLACK, markersize=11, label="noise floor")
-    ax.set_yticks(y, [h["recording"] for h in rows])
+    ax.set_yticks(y, [_short(h["recording"]) for h in rows])
     ax.set_xlim(0, 1.1 * float(max(before.max(), noise.max())))
-    ax.set_xlabel("RMSE after the recording's own offset and gain (µm)")
-    ax.legend(loc="lower right")
+    ax.set_xlabel("RMSE (µm)")
+    ax.set_ylim(-0.6, len(rows) - 0.4)
+    _legend_above(ax, ax)
     figure.tight_layout()
     return picture(
         figure,
-        "Recordings that no fit has seen: error of the model as given and of the corrected one. A repair that is "
-        "true brings the squares to the noise.",
+        "Recordings that no fit has seen: error (RMSE after the recording's own offset and gain) of the model as given "
+        "and of the corrected one. A repair that is true brings the squares to the noise.",
         "errors before and after",
     )
 
@@ -263,23 +312,20 @@ def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | 
         return None
     t, before, after = data["worst_time"], data["worst_before"], data["worst_after"]
     scale, unit = (1e3, "mN") if bool(data["worst_force"]) else (1e6, "µm")
-    figure = new_figure(2.2)
+    figure = new_figure(2.4)
     ax = figure.add_subplot()
     ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="before")
-    ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="after")
+    if summary["verdict"] != "none":
+        ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="after")
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.set_xlabel("time (s)")
     ax.set_ylabel(f"measured − model ({unit})")
-    ax.legend(loc="upper right", ncols=2)
+    _legend_above(ax, ax)
     figure.tight_layout()
     name = str(data["worst_name"])
     return picture(
         figure,
-        f"{name}, the held-out recording that the model as given missed most, before and after the repair.",
+        f"{name}, the held-out recording that the model as given missed most"
+        + (", before and after the repair." if summary["verdict"] != "none" else "."),
         "residuals before and after",
     )
-
-
-def finite(value: float | None) -> bool:
-    """Whether there is a number."""
-    return value is not None and math.isfinite(value)

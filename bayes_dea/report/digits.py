@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
@@ -12,6 +13,7 @@ _PREFIX = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"
 # largest exponent that reads well: nobody says kiloseconds or megametres
 _LARGEST = {"Pa": 12, "N": 6, "V": 6, "Hz": 9, "ohm": 12, "A": 3, "F": 0, "W": 9, "J": 9, "m": 0, "s": 0}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNITS_IN_TEXT = re.compile(r"(?<=\d )(um|us|[kMG]?ohm)\b")
 _ASCII = {
     "µ": "u",
     "−": "-",
@@ -109,6 +111,11 @@ def quantity(value: Any, unit: str, digits: int = 3) -> str:
 def percent(value: Any, decimals: int = 1) -> str:
     """A share as a number of percent, without the sign."""
     return fixed(100 * value, decimals) if is_number(value) else MISSING
+
+
+def page_text(text: str) -> str:
+    """A text that was written for terminals, with its units as a page writes them: 2.39 µm, 133 kΩ."""
+    return _UNITS_IN_TEXT.sub(lambda m: m[0].replace("u", "µ").replace("ohm", "Ω"), text)
 
 
 def ascii_text(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,18 @@ from .style import Picture, looks
 from .verdict import verdict
 
 _TEMPLATE = "report.html.j2"
+#: called with (done, of, text)
+Report = Callable[[float, float, str], None]
+#: pictures of a whole calibration, and how long each takes, in pictures of one recording
+_PICTURES: dict[str, tuple[Callable[[ResultData], Picture | None], float]] = {
+    "densities": (figures_parameters.density_picture, 20),
+    "corner": (figures_parameters.corner_picture, 35),
+    "traces": (figures_parameters.trace_picture, 15),
+    "ranks": (figures_parameters.rank_picture, 15),
+    "prior_predictive": (figures_parameters.prior_predictive_picture, 5),
+}
+#: the same of putting the page together
+_WHOLE_PAGE = 50.0
 
 
 @dataclass(frozen=True)
@@ -29,20 +41,21 @@ class RecordingView:
     live: live_plot.Live | None = None
 
 
-def write_report(folder: Path, interactive: bool = True) -> Path:
+def write_report(folder: Path, interactive: bool = True, report: Report | None = None) -> Path:
     """Draw report.html from calibration.json and posterior.nc in `folder` and return its path.
 
     interactive: measured against predicted can be zoomed to single samples; without, the page holds pictures alone
     and no script (for a page that is kept in a repository, or sent where scripts are not let through).
+    report: called with (done, of, text) as pictures are drawn.
     The file is replaced whole or not at all. Raises InputError when a file is missing, broken or of another run.
     """
-    html = render(read_result(Path(folder)), interactive)
+    html = render(read_result(Path(folder)), interactive, report)
     path = Path(folder) / REPORT_FILE
     write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
     return path
 
 
-def render(data: ResultData, interactive: bool = True) -> str:
+def render(data: ResultData, interactive: bool = True, report: Report | None = None) -> str:
     """The page as HTML."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -54,23 +67,27 @@ def render(data: ResultData, interactive: bool = True) -> str:
         lstrip_blocks=True,
     )
     environment.filters["breakable"] = tables.breakable
-    return environment.get_template(_TEMPLATE).render(context(data, interactive))
+    return environment.get_template(_TEMPLATE).render(context(data, interactive, report))
 
 
-def context(data: ResultData, interactive: bool = True) -> dict[str, Any]:
+def context(data: ResultData, interactive: bool = True, report: Report | None = None) -> dict[str, Any]:
     """Everything the template shows."""
+    say = report or (lambda *_: None)
     s = data.summary
     meta = s.get("meta") or {}
     rows = tables.recording_rows(s)
     with looks():
-        views = [_view(r, row, interactive) for r, row in zip(data.recordings, rows, strict=True)]
-        pictures = {
-            "densities": figures_parameters.density_picture(data),
-            "corner": figures_parameters.corner_picture(data),
-            "traces": figures_parameters.trace_picture(data),
-            "ranks": figures_parameters.rank_picture(data),
-            "prior_predictive": figures_parameters.prior_predictive_picture(data),
-        }
+        views, pictures = [], {}
+        whole = len(rows) + sum(share for _, share in _PICTURES.values()) + _WHOLE_PAGE
+        done = 0.0
+        for r, row in zip(data.recordings, rows, strict=True):
+            views.append(_view(r, row, interactive))
+            done += 1
+            say(done, whole, r.name)
+        for name, (draw, share) in _PICTURES.items():
+            pictures[name] = draw(data)
+            done += share
+            say(done, whole, name.replace("_", " "))
     origin = tables.origin_of(meta)
     return {
         "model": s["model"],

@@ -87,7 +87,7 @@ def render(view: PredictionView) -> str:
         simulated=any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
         sentence=sentence(s),
         level="check" if s["warnings"] else "good",
-        warnings=s["warnings"],
+        warnings=[digits.page_text(str(w)) for w in s["warnings"]],
         pictures=[p for p in pictures if p is not None],
         rows=_rows(s),
         unmet=_unmet_rows(s),
@@ -417,7 +417,8 @@ _PAGE = """<!DOCTYPE html>
 <section id="unmet">
 <h2>Where the wanted stroke cannot be met</h2>
 <div class="scroll"><table class="numbers">
-<thead><tr><th>from / s</th><th>to / s</th><th>largest miss</th><th class="words">why</th></tr></thead>
+<thead><tr><th class="keep">from / s</th><th class="keep">to / s</th><th>largest miss</th>
+<th class="words">why</th></tr></thead>
 <tbody>
 {% for a, b, miss, why in unmet %}
 <tr><td>{{ a }}</td><td>{{ b }}</td><td class="keep">{{ miss }}</td><td class="words">{{ why }}</td></tr>

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -373,106 +375,89 @@ def machine_tension_positive(root: Path) -> Case:
 # -- plain text ---------------------------------------------------------------------------------------------------
 
 
-@maker
-def kv_mm_falling(root: Path) -> Case:
-    t, v = creep()
-    s = stroke(t, v)
-    path = write(
-        root / "creep.csv",
-        text("Time (s),HV monitor (kV),Laser distance (mm)\n", [t, v / 1e3, 34.2 - s * 1e3], ",", digits="%.5f"),
-    )
-    return Case("CSV, kV and mm, laser distance falls", (path,), (voltage_truth("creep", t, v, s, 100.0),))
+def plain(
+    key: str,
+    name: str,
+    file: str,
+    kind: str,
+    signal: Callable[[], tuple[np.ndarray, np.ndarray]],
+    rate: float,
+    head: str,
+    columns: Callable[[np.ndarray, np.ndarray, np.ndarray], list[np.ndarray]],
+    delimiter: str,
+    encoding: str = "utf-8",
+    **how: Any,
+) -> Callable[[Path], Case]:
+    """A maker, called `key`, of a text file that holds one voltage recording: `columns` of time, voltage and stroke."""
+
+    def make(root: Path) -> Case:
+        t, v = signal()
+        s = stroke(t, v)
+        path = write(root / file, text(head, columns(t, v, s), delimiter, **how), encoding)
+        return Case(name, (path,), (voltage_truth(kind, t, v, s, rate),))
+
+    make.__name__ = key
+    return maker(make)
 
 
-@maker
-def iso_times(root: Path) -> Case:
-    t, v = triangle()
-    s = stroke(t, v)
-    stamps = [str(np.datetime64("2024-05-06T23:59:55.000") + np.timedelta64(round(x * 1000), "ms")) for x in t]
-    path = write(
-        root / "logger.csv",
-        text("Timestamp;U in V;Weg in µm\n", [np.array(stamps), v, s * 1e6], ";", ",", "%.3f"),
-        "cp1252",
-    )
-    return Case("CSV, ISO time stamps, semicolons, cp1252", (path,), (voltage_truth("triangle", t, v, s, 100.0),))
+def stamps(t: np.ndarray, written: Callable[[float], str]) -> np.ndarray:
+    """Times as texts."""
+    return np.array([written(float(x)) for x in t])
 
 
-@maker
-def clock_times(root: Path) -> Case:
-    t, v = sine(100.0)
-    s = stroke(t, v)
-    seconds = 86395.0 + t
-    stamps = [f"{int(x // 3600) % 24:02d}:{int(x // 60) % 60:02d}:{x % 60:06.3f}" for x in seconds]
-    path = write(
-        root / "clock.csv",
-        text("Time,Voltage [V],Displacement [um]\n", [np.array(stamps), v, s * 1e6], ",", digits="%.3f"),
-    )
-    return Case("CSV, hh:mm:ss.fff past midnight", (path,), (voltage_truth("sine", t, v, s, 100.0),))
+def iso(x: float) -> str:
+    return str(np.datetime64("2024-05-06T23:59:55.000") + np.timedelta64(round(x * 1000), "ms"))
 
 
-@maker
-def date_and_clock(root: Path) -> Case:
-    t, v = creep(50.0)
-    s = stroke(t, v)
-    stamps = [
-        f"06.05.2024 14:{int(x // 60):02d}:{x % 60:06.3f}".replace(".", ",").replace("06,05,2024", "06.05.2024")
-        for x in t
-    ]
-    path = write(
-        root / "datum.csv",
-        text("Zeitstempel;Spannung (V);Weg (mm)\n", [np.array(stamps), v, s * 1e3], ";", ",", "%.5f"),
-    )
-    return Case("CSV, dd.mm.yyyy hh:mm:ss,fff", (path,), (voltage_truth("creep", t, v, s, 50.0),))
+def clock(x: float) -> str:
+    x += 86395.0
+    return f"{int(x // 3600) % 24:02d}:{int(x // 60) % 60:02d}:{x % 60:06.3f}"
 
 
-@maker
-def no_header(root: Path) -> Case:
-    t, v = triangle()
-    s = stroke(t, v)
-    path = write(root / "raw.dat", text("", [t, v, s * 1e3], ",", digits="%.5f"))
-    return Case("no header: time, V, mm", (path,), (voltage_truth("triangle", t, v, s, 100.0),))
+def german_date(x: float) -> str:
+    return f"06.05.2024 14:{int(x // 60):02d}:" + f"{x % 60:06.3f}".replace(".", ",")
 
 
-@maker
-def no_header_shuffled(root: Path) -> Case:
-    t, v = creep()
-    s = stroke(t, v)
-    path = write(root / "raw2.txt", text("", [s * 1e6, v, t], "\t", digits="%.3f"))
-    return Case("no header: um, V, time", (path,), (voltage_truth("creep", t, v, s, 100.0),))
-
-
-@maker
-def german_no_units(root: Path) -> Case:
-    t, v = rectangle()
-    s = stroke(t, v)
-    path = write(root / "messung.txt", text("  Zeit   Spannung   Weg\n", [t, v, s * 1e3], "   ", digits="%.5f"))
-    return Case("whitespace, German names, no units", (path,), (voltage_truth("rectangle", t, v, s, 200.0),))
-
-
-@maker
-def excel_utf16(root: Path) -> Case:
-    t, v = multilevel()
-    s = stroke(t, v)
-    path = write(
-        root / "Unicode.txt",
-        text("Zeit [ms]\tSollspannung [V]\tAuslenkung [µm]\r\n", [t * 1e3, v, s * 1e6], "\t", ",", "%.3f", "\r\n"),
-        "utf-16",
-    )
-    return Case(
-        "Excel Unicode text (UTF-16, tab, decimal comma)", (path,), (voltage_truth("voltage", t, v, s, 100.0),)
-    )
-
-
-@maker
-def epoch_ms(root: Path) -> Case:
-    t, v = sine(100.0)
-    s = stroke(t, v)
-    stamps = np.array([str(1_714_990_000_000 + round(x * 1e3)) for x in t])
-    path = write(
-        root / "epoch.csv",
-        text("timestamp,hv_setpoint_V,displacement_um\n", [stamps, v, s * 1e6], ",", digits="%.3f"),
-    )
-    return Case("CSV, milliseconds since 1970", (path,), (voltage_truth("sine", t, v, s, 100.0),))
+kv_mm_falling = plain(
+    "kv_mm_falling", "CSV, kV and mm, laser distance falls", "creep.csv", "creep", creep, 100.0,
+    "Time (s),HV monitor (kV),Laser distance (mm)\n", lambda t, v, s: [t, v / 1e3, 34.2 - s * 1e3], ",", digits="%.5f",
+)  # fmt: skip
+iso_times = plain(
+    "iso_times", "CSV, ISO time stamps, semicolons, cp1252", "logger.csv", "triangle", triangle, 100.0,
+    "Timestamp;U in V;Weg in µm\n", lambda t, v, s: [stamps(t, iso), v, s * 1e6], ";", "cp1252", decimal=",",
+    digits="%.3f",
+)  # fmt: skip
+clock_times = plain(
+    "clock_times", "CSV, hh:mm:ss.fff past midnight", "clock.csv", "sine", partial(sine, 100.0), 100.0,
+    "Time,Voltage [V],Displacement [um]\n", lambda t, v, s: [stamps(t, clock), v, s * 1e6], ",", digits="%.3f",
+)  # fmt: skip
+date_and_clock = plain(
+    "date_and_clock", "CSV, dd.mm.yyyy hh:mm:ss,fff", "datum.csv", "creep", partial(creep, 50.0), 50.0,
+    "Zeitstempel;Spannung (V);Weg (mm)\n", lambda t, v, s: [stamps(t, german_date), v, s * 1e3], ";", decimal=",",
+    digits="%.5f",
+)  # fmt: skip
+no_header = plain(
+    "no_header", "no header: time, V, mm", "raw.dat", "triangle", triangle, 100.0,
+    "", lambda t, v, s: [t, v, s * 1e3], ",", digits="%.5f",
+)  # fmt: skip
+no_header_shuffled = plain(
+    "no_header_shuffled", "no header: um, V, time", "raw2.txt", "creep", creep, 100.0,
+    "", lambda t, v, s: [s * 1e6, v, t], "\t", digits="%.3f",
+)  # fmt: skip
+german_no_units = plain(
+    "german_no_units", "whitespace, German names, no units", "messung.txt", "rectangle", rectangle, 200.0,
+    "  Zeit   Spannung   Weg\n", lambda t, v, s: [t, v, s * 1e3], "   ", digits="%.5f",
+)  # fmt: skip
+excel_utf16 = plain(
+    "excel_utf16", "Excel Unicode text (UTF-16, tab, decimal comma)", "Unicode.txt", "voltage", multilevel, 100.0,
+    "Zeit [ms]\tSollspannung [V]\tAuslenkung [µm]\r\n", lambda t, v, s: [t * 1e3, v, s * 1e6], "\t", "utf-16",
+    decimal=",", digits="%.3f", end="\r\n",
+)  # fmt: skip
+epoch_ms = plain(
+    "epoch_ms", "CSV, milliseconds since 1970", "epoch.csv", "sine", partial(sine, 100.0), 100.0,
+    "timestamp,hv_setpoint_V,displacement_um\n",
+    lambda t, v, s: [stamps(t, lambda x: str(1_714_990_000_000 + round(x * 1e3))), v, s * 1e6], ",", digits="%.3f",
+)  # fmt: skip
 
 
 @maker

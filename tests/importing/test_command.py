@@ -284,3 +284,20 @@ def test_times_of_too_few_digits(tmp_path):
     assert done.proposal.recordings[0].rate_Hz == pytest.approx(100.0, rel=2e-3)
     answer = answered({"creep.csv:rate_Hz": "100"})
     assert not import_files(list(case.files), tmp_path / "d", answer).proposal.assumed
+
+
+def test_times_of_too_few_digits_that_repeat_evenly(tmp_path):
+    """Every time on four rows: 100 Hz and no question; one row lost, and it is asked again."""
+    case = made("kv_mm_falling", tmp_path)
+    lines = case.files[0].read_text().splitlines()
+    for i in range(1, len(lines)):
+        lines[i] = f"{(i + 2) // 4 * 0.04:.2f},{lines[i].split(',', 1)[1]}"
+    case.files[0].write_text("\n".join(lines) + "\n")
+    done = import_files(list(case.files), tmp_path / "c")
+    assert not done.proposal.open
+    assert not done.proposal.assumed
+    assert done.proposal.recordings[0].rate_Hz == 100.0
+    assert "every time stands on 4 rows, and the next is 0.04 s later" in (tmp_path / "c/campaign.toml").read_text()
+    del lines[500]
+    case.files[0].write_text("\n".join(lines) + "\n")
+    assert "too few digits" in import_files(list(case.files), tmp_path / "d").proposal.assumed[0]

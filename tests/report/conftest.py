@@ -1,11 +1,14 @@
 """A result folder made by hand, stored as a calibration is stored."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import chromium
 import numpy as np
 import pytest
+from layout import Open
 from report_samples import (
     CHAINS,
     DRAWS,
@@ -110,3 +113,30 @@ def result(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_result(tmp_path_factory.mktemp("report") / "converged")
     write_report(folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
+    """One browser for all tests."""
+    found = chromium.find()
+    if found is None:
+        pytest.skip(f"no browser is installed (looked for {', '.join(chromium.NAMES)})")
+    page = chromium.Page(found, tmp_path_factory.mktemp("profile"), 1400)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def open_page(tab: chromium.Page) -> Open:
+    """Open a file in a window of some width: open_page(path, width, scripts)."""
+
+    def open_page(path: Path, width: int = 1400, scripts: bool = True) -> chromium.Page:
+        tab.call("Emulation.setScriptExecutionDisabled", value=not scripts)
+        tab.call("Emulation.setEmulatedMedia", media="")
+        tab.resize(width, 1000)
+        tab.errors.clear()
+        tab.requests.clear()
+        tab.open(path)
+        return tab
+
+    return open_page

@@ -2,37 +2,16 @@
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote
 
-import chromium
 import numpy as np
 import pytest
+from layout import LAYOUT, Open, check_layout, check_texts
 from report_samples import Make, creep, relaxation, sine
 
 from bayes_dea.packed import unpack
 from bayes_dea.report.data import read_result
 from bayes_dea.report.page import write_report
-
-Open = Callable[..., chromium.Page]
-
-LAYOUT = """(() => {
-  const page = document.documentElement, out = {width: innerWidth, scroll: page.scrollWidth, height: page.scrollHeight,
-    images: [], wide: []};
-  const shown = (e) => e.getClientRects().length > 0;
-  for (const i of document.images) {
-    if (!shown(i)) continue;
-    const box = i.getBoundingClientRect();
-    out.images.push([i.alt, i.complete ? i.naturalWidth : 0, box.width, box.height, i.naturalWidth / i.naturalHeight]);
-  }
-  for (const s of document.querySelectorAll(
-      ".scroll, figure, figcaption, p, li, pre, dd, dt, h1, h2, h3, td, th, button, .legend, .controls, .plot, nav"))
-    if (s.scrollWidth > s.clientWidth + 1 && s.clientWidth)
-      out.wide.push([s.className || s.tagName, s.scrollWidth, s.clientWidth, s.innerText.slice(0, 60)]);
-  return out;
-})()"""
 
 #: draws the viewer number i and tells what is on its canvases
 DRAWN = """(async (i) => {
@@ -60,57 +39,6 @@ DRAWN = """(async (i) => {
   const labels = v.plots.map((p) => [label(p), ruler.measureText(label(p)).width, p.inner_height]);
   return {canvases, labels, width: v.target.getBoundingClientRect().width, said: v.said.textContent};
 })"""
-
-TEXTS = """(() => {
-  const out = {outside: [], overlap: [], texts: 0, shapes: []};
-  document.querySelectorAll("body > svg").forEach((svg, k) => {
-    const frame = svg.getBoundingClientRect(), placed = [];
-    out.shapes.push(svg.querySelectorAll("path").length);
-    for (const t of svg.querySelectorAll("text")) {
-      const b = t.getBoundingClientRect();
-      out.texts += 1;
-      if (b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1 || b.bottom > frame.bottom + 1)
-        out.outside.push([k, t.textContent]);
-      const m = t.getCTM(), slanted = Math.abs(m.b) > 0.05 && Math.abs(m.a) > 0.05;
-      if (slanted) continue;  // the box of a slanted text is not the text
-      for (const [other, o] of placed) {
-        const dx = Math.min(b.right, o.right) - Math.max(b.left, o.left);
-        const dy = Math.min(b.bottom, o.bottom) - Math.max(b.top, o.top);
-        if (dx > 1.5 && dy > 3.5) out.overlap.push([k, other, t.textContent, dx, dy]);
-      }
-      placed.push([t.textContent, b]);
-    }
-  });
-  return out;
-})()"""
-
-
-@pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
-    """One browser for all tests of this file."""
-    found = chromium.find()
-    if found is None:
-        pytest.skip(f"no browser is installed (looked for {', '.join(chromium.NAMES)})")
-    page = chromium.Page(found, tmp_path_factory.mktemp("profile"), 1400)
-    yield page
-    page.close()
-
-
-@pytest.fixture
-def open_page(tab: chromium.Page) -> Open:
-    """Open a file in a window of some width: open_page(path, width, scripts)."""
-
-    def open_page(path: Path, width: int = 1400, scripts: bool = True) -> chromium.Page:
-        tab.call("Emulation.setScriptExecutionDisabled", value=not scripts)
-        tab.call("Emulation.setEmulatedMedia", media="")
-        tab.resize(width, 1000)
-        tab.errors.clear()
-        tab.requests.clear()
-        tab.open(path)
-        return tab
-
-    return open_page
-
 
 def test_the_browser_tells_of_errors(tmp_path: Path, open_page: Open) -> None:
     path = tmp_path / "bad.html"
@@ -140,18 +68,6 @@ def page(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
         inputs=[{"file": long, "size": 123_456_789, "sha256": "ab" * 32}],
     )
     return write_report(folder)
-
-
-def check_layout(m: dict[str, Any], width: int, images: int) -> None:
-    assert m["width"] == width
-    assert m["scroll"] <= width
-    assert m["wide"] == []
-    assert len(m["images"]) == images
-    for alt, natural, shown, height, ratio in m["images"]:
-        assert natural > 300, alt
-        assert 300 < shown <= width, alt
-        assert shown / height == pytest.approx(ratio, rel=0.02), alt
-    assert 3000 < m["height"] < 20_000
 
 
 @pytest.mark.parametrize("width", [1400, 700])
@@ -288,13 +204,4 @@ def test_the_page_without_scripts_of_its_own(page: Path, tmp_path: Path, open_pa
 
 
 def test_text_stays_in_its_picture(page: Path, tmp_path: Path, open_page: Open) -> None:
-    sources = re.findall(r'src="data:image/svg\+xml,([^"]+)"', page.read_text(encoding="utf-8"))
-    drawn = [unquote(s) for s in sources]
-    assert len(drawn) == 11
-    path = tmp_path / "pictures.html"
-    path.write_text(f"<!DOCTYPE html><html><meta charset=utf-8><body>{''.join(drawn)}</body></html>", encoding="utf-8")
-    m = open_page(path).run(TEXTS)
-    assert m["outside"] == []
-    assert m["overlap"] == []
-    assert m["texts"] > 150
-    assert min(m["shapes"]) > 10
+    assert check_texts(page, tmp_path, open_page, 11) > 150
