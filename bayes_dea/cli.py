@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .commands import bench, calibrate, diagnose, export, import_, predict, report
+from .commands import bench, calibrate, compare, diagnose, export, import_, predict, report
 from .commands.progress import Interrupted, no_colours, plain_terminal, signals
 from .errors import BayesDEAError
 
@@ -22,6 +22,7 @@ app = typer.Typer(no_args_is_help=True, pretty_exceptions_enable=False, add_comp
 #: verb by name, in the order of the help
 VERBS: dict[str, tuple[Callable[..., None], str]] = {
     "calibrate": (calibrate.calibrate, calibrate.EXAMPLE),
+    "compare": (compare.compare, compare.EXAMPLE),
     "diagnose": (diagnose.diagnose, diagnose.EXAMPLE),
     "bench": (bench.bench, bench.EXAMPLE),
     "predict": (predict.predict, predict.EXAMPLE),

@@ -7,26 +7,40 @@ from typing import Annotated
 
 import typer
 
-from .options import QuietOption
+from .options import QuietOption, writing
+from .progress import progress
 
 EXAMPLE = "Example: bayes-dea report out"
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of a calibration or a diagnosis.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of a calibrate, diagnose or compare.")],
     static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
                                          "repository.")] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Draw report.html again from the JSON and data in a folder."""
+    from ..report.comparison_page import write_comparison_page
     from ..report.diagnosis_page import write_diagnosis_page
     from ..report.page import write_report
     from ..store import load_posterior
 
-    if (folder / "diagnosis.json").is_file() and not (folder / "calibration.json").is_file():
-        page = write_diagnosis_page(folder)
-    else:
-        load_posterior(folder)
-        page = write_report(folder, interactive=not static)
+    calibrated = (folder / "calibration.json").is_file()
+    diagnosis = (folder / "diagnosis.json").is_file() and not calibrated
+    comparison = (folder / "comparison.json").is_file() and not calibrated and not diagnosis
+    with progress(quiet) as say:
+        def drawn(done: float, of: float, text: str) -> None:
+            say("drawing the page", done, of, text)
+
+        drawn(0, 1, "")
+        if not diagnosis and not comparison:
+            load_posterior(folder)
+        with writing(folder):
+            if diagnosis:
+                page = write_diagnosis_page(folder, drawn)
+            elif comparison:
+                page = write_comparison_page(folder)
+            else:
+                page = write_report(folder, interactive=not static, report=drawn)
     if not quiet:
         typer.echo(f"Report: {page}")

@@ -1,0 +1,231 @@
+"""The integral of a density near a known maximum: adaptive importance draws, checked, or bridge sampling.
+
+Laplace's normal at the maximum, with two wider ones beside it, is the first proposal. Draws of it are weighted; while
+the tail of the weights is too heavy (Pareto k, Vehtari et al. 2024, arXiv:1507.02646) a mixture is fitted to the
+weighted draws and takes its place. What stays too heavy goes by annealed populations (`anneal`). Evidences that decide
+are worked out again by emcee, with that mixture among its moves, and the bridge between draws and mixture
+(`fit.evidence`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ..errors import InputError
+from ..fit.ensemble import EnsembleSettings, sample
+from ..fit.evidence import BridgeSettings, bridge_log_evidence
+from ..fit.importance import importance_resample
+from ..fit.mixture import Mixture, fit_mixture
+from .anneal import anneal
+
+Array = NDArray[np.float64]
+LogProb = Callable[[Array], Array]
+#: (weight, width) of the normals at the maximum
+_FIRST = ((0.6, 1.0), (0.3, 1.8), (0.1, 4.0))
+
+
+@dataclass(frozen=True)
+class IntegralSettings:
+    """draws: of a proposal, or per_dimension a dimension where that is more; rounds: proposals at most.
+
+    good_k, good_se: Pareto k and standard error that are enough when two proposals in turn agree; first_k: without
+    that; bad_k: above it, weights are not used.
+    last_resort: what is done where importance draws do not do: anneal, bridge, or none (what there is, marked as
+    unsettled). bridge_steps: of the sampler at most.
+    """
+
+    draws: int = 1500
+    per_dimension: int = 60
+    rounds: int = 4
+    good_k: float = 0.5
+    first_k: float = 0.3
+    good_se: float = 0.05
+    bad_k: float = 0.55
+    last_resort: str = "anneal"
+    bridge_steps: int = 6000
+
+
+@dataclass(frozen=True)
+class Integral:
+    """Log of the integral with its standard error; draws (n, d) of the density, equally weighted; how it was found."""
+
+    log_value: float
+    se: float
+    draws: Array = field(repr=False)
+    proposal: Mixture = field(repr=False)
+    method: str  # importance | annealed | bridge
+    pareto_k: float
+    converged: bool
+    evaluations: int
+
+
+def integrate(
+    log_prob: LogProb,
+    x: Array,
+    covariance: Array,
+    rng: np.random.Generator,
+    settings: IntegralSettings | None = None,
+    proposal: Mixture | None = None,
+) -> Integral:
+    """Integral of exp(log_prob) around its maximum x (d,), where it is like a normal with `covariance` (d, d).
+
+    proposal: to begin with, in place of the normal. Falls back on bridge sampling where importance draws do not do.
+    """
+    s = settings or IntegralSettings()
+    d = x.size
+    n = max(s.draws, s.per_dimension * d)
+    g = proposal or normal_mixture(x, covariance)
+    best: Integral | None = None
+    before = float("nan")
+    evaluations = 0
+    for round_ in range(s.rounds):
+        draws = g.draw(n, rng)
+        target, reference = _quiet(log_prob, draws), g.log_density(draws)
+        evaluations += n
+        found = _weighed(draws, target, reference, g, rng, evaluations)
+        if found is not None and (best is None or merit(found) < merit(best)):
+            best = found
+        if found is not None and found.se < s.good_se:
+            # a refitted proposal knows only what was drawn before: it is believed once the estimate stands still
+            stands = abs(found.log_value - before) < max(0.05, 3 * found.se)
+            if found.pareto_k < (s.good_k if stands else s.first_k):
+                return found
+        before = found.log_value if found is not None else float("nan")
+        if round_ + 1 < s.rounds:
+            g = _refitted(draws, target - reference, g, rng)
+    stands = best is not None and abs(best.log_value - before) < max(0.1, 4 * best.se)
+    if best is not None and stands and best.pareto_k < s.bad_k and best.se < 4 * s.good_se:
+        return best
+    if s.last_resort == "none" and best is not None:
+        return replace(best, converged=False)
+    if s.last_resort == "anneal":
+        wide = widened(proposal or normal_mixture(x, covariance), best)
+        far = anneal(wide.draw, wide.log_density, log_prob, rng)
+        if np.isfinite(far.log_ratio):
+            return Integral(far.log_ratio, far.se, far.draws, wide, "annealed", float("nan"), far.settled,
+                            evaluations + far.evaluations)
+    start = best.draws if best is not None else x + 0.1 * (normal_mixture(x, covariance).draw(n, rng) - x)
+    return bridged(log_prob, start, best.proposal if best is not None else g, rng, s, evaluations)
+
+
+def normal_mixture(x: Array, covariance: Array) -> Mixture:
+    """Three normals at one place, one as wide as said and two wider: heavier tails than a normal's."""
+    d = x.size
+    scale = np.sqrt(np.diag(covariance))
+    root = scale[:, None] * np.linalg.cholesky(covariance / np.outer(scale, scale) + 1e-10 * np.eye(d))
+    weights, widths = (np.array(v) for v in zip(*_FIRST, strict=True))
+    return Mixture(weights, np.tile(x, (3, 1)), np.stack([w * root for w in widths]))
+
+
+def widened(first: Mixture, best: Integral | None) -> Mixture:
+    """A mixture to begin an annealing with: all places of the first proposal, and wide around what was found since."""
+    if best is None:
+        return Mixture(first.weights, first.means, 1.5 * first.roots)
+    x = best.draws
+    size = x.std(axis=0) + 1e-300
+    root = size[:, None] * np.linalg.cholesky(np.corrcoef(x, rowvar=False) + 1e-6 * np.eye(x.shape[1]))
+    return Mixture(
+        np.concatenate([0.4 * first.weights, 0.3 * best.proposal.weights, [0.3]]),
+        np.concatenate([first.means, best.proposal.means, x.mean(axis=0)[None]]),
+        np.concatenate([first.roots, 1.5 * best.proposal.roots, 2.5 * root[None]]),
+    )
+
+
+def _quiet(log_prob: LogProb, draws: Array) -> Array:
+    with np.errstate(all="ignore"):
+        value = np.asarray(log_prob(draws), float)
+    return np.where(np.isfinite(value), value, -np.inf)
+
+
+def _weighed(
+    draws: Array, target: Array, reference: Array, g: Mixture, rng: np.random.Generator, evaluations: int
+) -> Integral | None:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            r = importance_resample(target, reference, draws, len(draws), rng)
+    except InputError:
+        return None
+    ratio = target - reference
+    weight = np.exp(ratio - ratio.max())
+    se = float(np.std(weight) / np.mean(weight) / np.sqrt(len(weight)))
+    k = r.k_hat if np.isfinite(r.k_hat) else 1.0
+    return Integral(r.log_mean_weight, se, r.draws, g, "importance", k, True, evaluations)
+
+
+def merit(i: Integral) -> float:
+    """How far an estimate is to be trusted; small is good."""
+    return i.se + max(i.pareto_k, 0.0)
+
+
+def _refitted(draws: Array, log_weight: Array, g: Mixture, rng: np.random.Generator) -> Mixture:
+    """A mixture fitted to the weighted draws, with a share of it widened; weights are tempered while few carry all."""
+    finite = np.isfinite(log_weight)
+    if finite.sum() < 10 * draws.shape[1]:
+        return Mixture(g.weights, g.means, 0.5 * g.roots)
+    power = 1.0
+    for power in (1.0, 0.5, 0.25, 0.1, 0.03):
+        w = np.exp(power * (log_weight - log_weight[finite].max()))
+        w = np.where(finite, w, 0.0)
+        w /= w.sum()
+        if 1.0 / np.sum(w**2) > max(20 * draws.shape[1], 0.1 * len(draws)):
+            break
+    edges = np.cumsum(w)
+    index = np.minimum(np.searchsorted(edges, (rng.random() + np.arange(len(draws))) / len(draws)), len(draws) - 1)
+    try:
+        fitted = fit_mixture(draws[index], rng, (1, 2, 4))
+    except InputError:
+        return g
+    # a part of the proposal is wider than anything that was seen: tails are what importance weights break on
+    wide = 1.6 if power == 1.0 else 1.2
+    chosen = draws[index]
+    size = chosen.std(axis=0) + 1e-300
+    spread = size[:, None] * np.linalg.cholesky(np.corrcoef(chosen, rowvar=False) + 1e-8 * np.eye(draws.shape[1]))
+    return Mixture(
+        np.concatenate([0.7 * fitted.weights, 0.2 * fitted.weights, [0.1]]),
+        np.concatenate([fitted.means, fitted.means, chosen.mean(axis=0)[None]]),
+        np.concatenate([fitted.roots, wide * fitted.roots, 2.0 * spread[None]]),
+    )
+
+
+def bridged(
+    log_prob: LogProb,
+    around: Array,
+    proposal: Mixture,
+    rng: np.random.Generator,
+    settings: IntegralSettings | None = None,
+    evaluations: int = 0,
+) -> Integral:
+    """The integral by emcee (two ensembles that begin at draws `around`, widened) and bridge sampling."""
+    s = settings or IntegralSettings()
+    d = around.shape[1]
+    walkers = max(32, 3 * d + (3 * d) % 2)
+    start = np.empty((2, walkers, d))
+    centre = around.mean(axis=0)
+    for e, width in enumerate((1.2, 0.8)):
+        chosen = around[rng.choice(len(around), walkers, replace=len(around) < walkers)]
+        wide = centre + width * (chosen - centre) + 1e-3 * around.std(axis=0) * rng.standard_normal(chosen.shape)
+        good = np.isfinite(_quiet(log_prob, wide))
+        start[e] = np.where(good[:, None], wide, chosen)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = sample(log_prob, start, EnsembleSettings(max_steps=s.bridge_steps), rng, proposal=proposal)
+    flat = run.flat()
+    kept = flat[np.linspace(0, len(flat) - 1, min(len(flat), 3000)).astype(int)]
+    total = evaluations + run.evaluations
+    try:
+        value, se = bridge_log_evidence(log_prob, run.chains, rng, BridgeSettings(max_draws=4000))
+    except InputError:
+        return Integral(float("nan"), float("nan"), kept, proposal, "bridge", float("nan"), False, total)
+    return Integral(value, se, kept, proposal, "bridge", float("nan"), run.converged, total)
+
+
+def log_mean(values: Array) -> float:
+    """Log of the mean of exponentials."""
+    return float(logsumexp(values) - np.log(len(values)))
