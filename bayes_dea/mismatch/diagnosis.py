@@ -33,6 +33,7 @@ from .prove import HeldOut, held_out
 from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, hold_note, odd_note, odd_one_out, other_holds, stated_hold, with_hold
+from .timing import as_timing, sample_step_s, timing_note
 from .unknown import repair
 from .weigh import Screened
 from .words import silent_note, statement
@@ -177,7 +178,8 @@ def diagnose(
     lap("name")
     best = naming.best
     facts = _facts(best.weighed.fit, seen.pieces, limit, resolution)
-    verdict, raw, physics = _verdict(naming, facts)
+    step = sample_step_s(base)
+    verdict, raw, physics, delays = _verdict(naming, facts, step)
     corrected = best.weighed.fit if physics[verdict] != NONE else base
     mended = None
     if verdict == UNKNOWN:
@@ -198,6 +200,8 @@ def diagnose(
         ask = first_experiment(base, base.problem.pieces[0].recording.actuator)
     lap("ask")
     notes = [*seen.notes]
+    if verdict in delays:
+        notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:
         notes += held_out_gains(corrected, tuple(p for p in scored if not p.identify))
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
@@ -241,10 +245,15 @@ def _facts(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution:
     return [f for f in out if f.probability > 0]
 
 
-def _verdict(naming: Naming, facts: list[Fact]) -> tuple[str, dict[str, float], dict[str, str]]:
-    """The likeliest name, the probabilities with what is established joined on, and the physics behind each name."""
-    p = _as_before(naming) if _silent(naming) else dict(naming.probability)
-    physics = {k: k for k in p}
+def _verdict(
+    naming: Naming, facts: list[Fact], step_s: float
+) -> tuple[str, dict[str, float], dict[str, str], dict[str, float]]:
+    """The likeliest name, the probabilities with what is established joined on, the physics behind each name.
+
+    And the shift in s, below one sample, that a name carries unsaid.
+    """
+    shift = as_timing(_as_before(naming) if _silent(naming) else naming.probability, naming, step_s)
+    p, physics, delays = shift.probability, shift.physics, shift.delays_s
     for fact in facts:
         # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out
         for name in list(p):
@@ -253,8 +262,10 @@ def _verdict(naming: Naming, facts: list[Fact]) -> tuple[str, dict[str, float], 
             joined = _joined(name, fact.name)
             p[joined], p[name] = p[name] * fact.probability, p[name] * (1.0 - fact.probability)
             physics[joined] = physics[name]
+            if name in delays:
+                delays[joined] = delays[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
-    return max(p, key=lambda k: p[k]), p, physics
+    return max(p, key=lambda k: p[k]), p, physics, delays
 
 
 def _joined(name: str, more: str) -> str:

@@ -24,6 +24,8 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
             f"(noise {noise:.3g} um)"
         )
     if verdict == NONE:
+        if any(w.startswith("timing: the readings lag") for w in summary["warnings"]):
+            return f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
         if naming.none.scan.detected:
             return (
                 "The recordings differ from the model by less than one resolution step or by nothing that lasts; "

@@ -63,6 +63,16 @@ def test_a_recording_of_another_actuator_is_found_and_named(plain):
     assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
+def test_a_shift_below_one_sample_is_timing_and_no_physics():
+    """0.7 ms at 1 kHz: no hold convention, and yet not the bench's acquisition that is late."""
+    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 0.0007}}), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert s["confidence"] > 0.8
+    assert s["warnings"][0].startswith("timing:")
+    assert "less than one sample" in s["warnings"][0] or "one sample at most" in s["warnings"][0]
+    assert "timing" in s["statement"]
+
+
 @pytest.mark.parametrize("hold", ["start", "linear"])
 def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     c = replace(plain, recordings=tuple(replace(r, hold=hold) for r in plain.recordings))
