@@ -25,7 +25,7 @@ from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
 from .slow_start import LIMITS, low_start, slow_start
-from .weigh import Frame, Screened, Weighed, escape, moved_to, refine, screen
+from .weigh import HOPELESS, Frame, Screened, Weighed, escape, moved_to, refine, screen
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -286,19 +286,22 @@ def _refined(
     """
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
-    reached = 0.0
+    reached, best = 0.0, math.inf
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
         promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
-        w = refine(base, s, prior, 1 if further else starts) if promising else None
+        w = refine(base, s, prior, 1 if further else starts, best) if promising else None
         if w is not None:
+            best = min(best, w.value)
             reached = max(reached, base.objective - w.fit.objective)
             if k == 0 and spoiled is not None and spoiled(w.fit):
                 return None
-        w = w or Weighed(s.effects, base, min(s.log_evidence, base.log_evidence + reached), 0.5, 0.0)
+        if w is None:
+            most = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
+            w = Weighed(s.effects, base, min(s.log_evidence, most), 0.5, 0.0)
         # of two laws of one effect the likelier stands for it
         if name not in out or w.log_evidence > out[name].log_evidence:
             out[name], of[name] = w, s

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled
+from ..campaign.schema import Actuator
 from ..models.model import Model
-from ..models.plant import plant_of
+from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from ..noise.blocks import block_whiten
 from .reduced import Piece, gain_groups
@@ -159,19 +160,21 @@ class Problem:
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
         zeros, _ = self.beside(q)
         out: list[Array] = []
-        plants: dict[int, object] = {}
+        plants: dict[Actuator, Plant] = {}
         for i, piece in enumerate(self.pieces):
             if only is not None and i not in only:
                 out.append(np.empty(0))
                 continue
             actuator = piece.recording.actuator
-            plant = plants.setdefault(id(actuator), plant_of(self.model, values, actuator))
+            plant = plants.get(actuator)
+            if plant is None:
+                plant = plants[actuator] = plant_of(self.model, values, actuator)
             if piece.nodes is not None:
-                out.append(simulate_nodes(plant, piece.nodes, piece.past))  # type: ignore[arg-type]
+                out.append(simulate_nodes(plant, piece.nodes, piece.past))
             else:
                 assert piece.position is not None
                 zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(piece.position[0])
-                out.append(simulate_plates(plant, piece.recording.time_s, piece.position, zero, piece.contact))  # type: ignore[arg-type]
+                out.append(simulate_plates(plant, piece.recording.time_s, piece.position, zero, piece.contact))
         return out
 
     def steps(self, q: Array) -> Array:

@@ -180,8 +180,12 @@ def descend(
     max_steps: int,
     tolerance: float,
     kept: Kept | None,
+    hopeless_above: float = math.inf,
 ) -> End | None:
-    """Levenberg-Marquardt at fixed noise. None where the model has no answer at q."""
+    """Levenberg-Marquardt at fixed noise. None where the model has no answer at q.
+
+    hopeless_above: given up where the value less ten times what the next step promises lies above this.
+    """
     gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
     prior = prior_derivatives(problem, q)
     if not np.isfinite(gram).all() or not np.isfinite(prior[0]):
@@ -194,7 +198,8 @@ def descend(
         new: tuple[Array, float] | None = None
         for _attempt in range(8):
             step = _bounded_step(H, g, damping, q, low, high)
-            if -(g @ step + 0.5 * step @ H @ step) < tolerance:
+            promised = -float(g @ step + 0.5 * step @ H @ step)
+            if promised < tolerance or value - 10.0 * promised > hopeless_above:
                 break
             p = -float(problem.log_prior(q + step)[0])
             if np.isfinite(p):

@@ -24,6 +24,8 @@ from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
 
 Array = NDArray[np.float64]
 
+#: nats behind the best so far at which a hypothesis is not refitted any further
+HOPELESS = 300.0
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: points a parameter of the grid over prior quantiles, by the number of parameters
@@ -55,6 +57,7 @@ class Weighed:
     log_evidence: float
     log_evidence_se: float
     size_m: float  # largest RMS of what the effect changes on a recording, everything else refitted
+    value: float = math.inf  # minus log posterior at the noise that fits begin with
 
     @property
     def name(self) -> str:
@@ -229,26 +232,47 @@ def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:
     return replace(known, points=points, log_evidence=known.log_evidence + shift, frames=tuple(frames))
 
 
-def refine(base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2) -> Weighed | None:
-    """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide."""
+def refine(
+    base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf
+) -> Weighed | None:
+    """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide.
+
+    reached: the value (see `Weighed`) of the best so far; None where this one stays `HOPELESS` nats behind it.
+    """
     model = screened.model
     problem = base.problem.with_model(model)
     low, high = bounds(problem)
     low, high = low + 1e-9, high - 1e-9
+    above = _hopeless(reached, sum(p.blocks.n for p in problem.pieces))
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
         for shift in (None,) if point.frame.far else (point.move, None):
             start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
-            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept)
+            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above)
             if end is not None:
                 ends.append((end.value, end.q, kept))
                 break
-    for _, q, kept in sorted(ends, key=lambda e: e[0]):
+    for value, q, kept in sorted(ends, key=lambda e: e[0]):
+        if value > above:
+            break
         fit = refit(problem, q, prior.start(), prior, kept=kept)
         if fit is not None:
-            return weighed(base, screened, fit)
+            return replace(weighed(base, screened, fit), value=value)
     return None
+
+
+def _hopeless(reached: float, n: int) -> float:
+    """The value above which a fit to n blocks stays HOPELESS nats behind another, whatever its noise grows to.
+
+    With its sd scaled to the misfit v, normal noise makes n/2 (1 + log(2 v/n)) of it.
+    """
+    if not math.isfinite(reached):
+        return math.inf
+    half = 0.5 * max(n, 1)
+    grown = reached if reached < half else half * (1.0 + math.log(reached / half))
+    grown += HOPELESS
+    return grown if grown < half else half * math.exp(grown / half - 1.0)
 
 
 def weighed(base: Fit, screened: Screened, fit: Fit) -> Weighed:

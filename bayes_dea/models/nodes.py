@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -47,7 +48,11 @@ class Nodes:
         return int(self.row.size)
 
     def durations(self) -> NDArray[np.float64]:
-        """Time from the node before to each node (m,) s, zero for the first one."""
+        """Time from the node before to each node (m,) s, zero for the first one; not to be written to."""
+        return self._durations
+
+    @cached_property
+    def _durations(self) -> NDArray[np.float64]:
         if self.step_s > 0:
             # whole rows, so that equal steps are equal to the last digit
             return self.step_s * np.diff(self.row, prepend=self.row[:1]).astype(float)
