@@ -1,0 +1,65 @@
+"""The base fit and the recordings as a diagnosis sees them: false readings masked, conventions and specimens reread."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .clipped import Limit, below
+from .noise_prior import NoisePrior
+from .outliers import false_reading_warning, false_readings, without
+from .reduced import Piece
+from .refit import Fit, refit
+from .reread import Rereading, hold_note, odd_note, stated_hold, with_hold
+
+
+class Seen:
+    """The base fit and the pieces, false readings masked as fits make them visible."""
+
+    def __init__(self, base: Fit, pieces: tuple[Piece, ...], prior: NoisePrior) -> None:
+        self.base, self.pieces, self.prior = base, pieces, prior
+        self.warnings: dict[str, str] = {}
+        self.notes: list[str] = []
+        self.odd: Rereading | None = None
+        self._rows: dict[str, NDArray[np.bool_]] = {}
+
+    def take(self, r: Rereading) -> None:
+        """Go on with another reading of the campaign."""
+        if r.hold:
+            self.notes.append(hold_note(r.hold, stated_hold(self.pieces)))
+            self.pieces = tuple(with_hold(p, r.hold) for p in self.pieces)
+        else:
+            self.odd = r
+            self.notes.append(odd_note(r))
+            self.pieces = tuple(p for p in self.pieces if p.name != r.odd)
+        by_name = {p.name: p for p in self.pieces}
+        used = tuple(by_name[p.name] for p in self.base.problem.pieces if p.name in by_name)
+        plain = self.base.problem.model
+        moved = replace(self.base, problem=replace(self.base.problem, pieces=used))
+        if r.base.problem.model.name == plain.name:
+            moved = replace(r.base, problem=replace(r.base.problem, pieces=used))
+        self.base = refit(moved.problem, moved.q, moved.noise, self.prior) or moved
+
+    def keep_below(self, limit: Limit) -> None:
+        """Leave out the rows whose expected reading the end of the sensor's range reaches."""
+        for _ in range(2):
+            masked = {p.name: p for p in below([p for p in self.pieces if p.identify], limit, self.base)}
+            self.pieces = tuple(masked.get(p.name, p) for p in self.pieces)
+            problem = replace(self.base.problem, pieces=tuple(masked[p.name] for p in self.base.problem.pieces))
+            self.base = refit(problem, self.base.q, self.base.noise, self.prior) or self.base
+
+    def spoiled(self, fit: Fit, identify: bool = True) -> bool:
+        """Whether a fit shows false readings; they are masked then."""
+        rows = false_readings(fit, [p for p in self.pieces if p.identify == identify])
+        if not rows:
+            return False
+        self.pieces = without(self.pieces, rows)
+        for name, found in rows.items():
+            self._rows[name] = self._rows.get(name, np.zeros_like(found)) | found
+        by_name = {p.name: p for p in self.pieces}
+        self.warnings = {n: false_reading_warning(by_name[n], r) for n, r in self._rows.items()}
+        used = tuple(by_name[p.name] for p in self.base.problem.pieces)
+        self.base = replace(self.base, problem=replace(self.base.problem, pieces=used))
+        return True

@@ -1,0 +1,229 @@
+"""diagnosis.json of a verdict."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..assemble import Assembled
+from ..campaign.schema import Campaign
+from ..models.model import Model
+from .clipped import Limit
+from .confidence import calibrated
+from .features import Features
+from .locate import excess_by, where
+from .name import MAINS, NONE, UNKNOWN, VARIANTS, Naming, extended
+from .prove import HeldOut
+from .reduced import Piece
+from .refit import Fit
+from .reread import Rereading
+from .verdict import Fact, silent
+from .words import silent_note, statement
+
+
+def summarise(
+    assembled: Assembled,
+    naming: Naming,
+    verdict: str,
+    p: dict[str, float],
+    physics: dict[str, str],
+    facts: list[Fact],
+    members: list[str],
+    proof: list[HeldOut],
+    how: str,
+    ask: dict[str, Any],
+    looks: list[Features],
+    mended: dict[str, Any] | None,
+    seed: int,
+    campaign: Campaign,
+    model: Model,
+) -> dict[str, Any]:
+    none = naming.none
+    detected = none.scan.detected
+    confidence = calibrated(p[verdict])
+    hypotheses = []
+    for name in sorted(p, key=lambda k: -p[k]):
+        entry: dict[str, Any] = {
+            "name": name,
+            "probability": p[name],
+            "log_evidence": naming.log_evidence.get(physics[name]),
+            "log_evidence_se": naming.log_evidence_se.get(physics[name]),
+            "parameters": {},
+        }
+        if physics[name] in naming.weighed:
+            entry["parameters"] = own_parameters(naming.weighed[physics[name]].fit, model)
+        for fact in facts:
+            if fact.name in name.split("+"):
+                entry["parameters"] |= fact.parameters
+        hypotheses.append(entry)
+    out: dict[str, Any] = {
+        "model": model.name,
+        "verdict": verdict,
+        "confidence": confidence,
+        "indistinguishable": members,
+        "statement": "",
+        "mismatch": {
+            "detected": detected,
+            "p_value": none.scan.p_value,
+            "where": where(none.weighed.fit, none.scan, looks),
+            "by": excess_by(none.weighed.fit, none.scan, looks),
+            "reduced_chi2": none.scan.reduced_chi2,
+            "threshold": none.scan.threshold,
+        },
+        "hypotheses": hypotheses,
+        "proof": proof_summary(proof, how),
+        "next_experiment": ask,
+        "corrected_model": _corrected(model, naming, verdict, physics),
+        "corrected_priors": _corrected_priors(naming, physics[verdict]),
+        "adequate": naming.best.adequate,
+        "adequacy_p_value": naming.best.scan.p_value,
+        "skipped": naming.skipped,
+        "not_visible": sorted(n for n in naming.weighed if "+" not in n and n not in naming.visible),
+        "seed": seed,
+        "version": __version__,
+        "inputs": campaign.inputs,
+        "warnings": list(assembled.warnings),
+    }
+    if mended is not None:
+        out["repair"] = mended
+    if how != "validate":
+        out["warnings"].append(
+            'no recording has role "validate": the proof was made by leaving out recordings in turn'
+            if proof
+            else "there is one recording only: nothing is left to prove the verdict on; record a second one"
+        )
+    out["statement"] = statement(out, naming, assembled, physics[verdict])
+    if silent(naming):
+        note = silent_note(out)
+        out["warnings"].insert(0, note)
+        out["statement"] = f"{note[0].upper()}{note[1:]}."
+    return out
+
+
+def _corrected(model: Model, naming: Naming, verdict: str, physics: dict[str, str]) -> str:
+    """SPEC of the repaired model; mains is part of every noise model and needs no name."""
+    if verdict == UNKNOWN:
+        return naming.best.weighed.fit.problem.model.name
+    names = [n for n in verdict.split("+") if n not in (NONE, MAINS)]
+    if not names:
+        return model.name
+    mended = extended(model, names, {})
+    return mended.name if mended is not None else model.name
+
+
+def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
+    """Priors that the corrected model needs beside its SPEC: of an effect whose law is not its plain one."""
+    if physics not in naming.weighed:
+        return {}
+    of = {p.name: p.prior for p in naming.weighed[physics].fit.problem.model.parameters}
+    return {
+        name: str(prior)
+        for effect in naming.weighed[physics].effects
+        for name, prior in VARIANTS.get(effect, {}).items()
+        if of.get(name) == prior
+    }
+
+
+def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:
+    """Put a recording of another actuator into the "mismatch" of a summary."""
+    t = next(r for r in campaign.recordings if r.name == odd.odd).time_s
+    excess = abs(odd.ratio - 1.0) / max(odd.ratio_se, 5e-4)
+    mismatch["detected"] = True
+    mismatch["p_value"] = min(mismatch["p_value"], max(math.erfc(excess / math.sqrt(2)), 1e-300))
+    what = "of another actuator: left out"
+    row = {"recording": odd.odd, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
+           "excess": round(excess, 2)}  # fmt: skip
+    mismatch["where"] = [row, *mismatch["where"]]
+
+
+def say_clipped(mismatch: dict[str, Any], limit: Limit, pieces: tuple[Piece, ...]) -> None:
+    """Put the readings at the end of the sensor's range into the "mismatch" of a summary."""
+    rows = []
+    for piece in pieces:
+        at = np.flatnonzero(limit.at(piece)) if piece.channel == "displacement" else np.empty(0, dtype=int)
+        if at.size:
+            t = piece.recording.time_s
+            rows.append(
+                {
+                    "recording": piece.name,
+                    "t_start_s": float(t[at[0]]),
+                    "t_end_s": float(t[at[-1]]),
+                    "what": f"{at.size} readings at the end of the sensor's range",
+                    "excess": round(math.sqrt(at.size), 2),
+                }
+            )
+    mismatch["detected"] = True
+    # each of them would have to be the highest value by chance, a half at most
+    mismatch["p_value"] = max(min(mismatch["p_value"], 0.5 ** min(limit.readings, 900)), 1e-300)
+    mismatch["where"] = [*rows, *mismatch["where"]]
+
+
+def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:
+    """Posterior of the parameters that effects add, in physical units, from the Laplace approximation."""
+    known = set(model.priors.names)
+    m = fit.problem.model
+    cov = fit.covariance
+    out = {}
+    for i, parameter in enumerate(m.priors.free):
+        if parameter.name in known:
+            continue
+        centre, sd = float(fit.q[i]), math.sqrt(max(float(cov[i, i]), 0.0))
+        x = centre + sd * np.linspace(-4, 4, 161)
+        weight = np.exp(-0.5 * np.linspace(-4, 4, 161) ** 2)
+        prior = parameter.prior
+        if prior.family in ("uniform", "loguniform"):
+            low, high = (math.log(prior.a), math.log(prior.b)) if prior.is_log else (prior.a, prior.b)
+            weight = np.where((x >= low) & (x <= high), weight, 0.0)
+        if weight.sum() <= 0:
+            weight = np.ones_like(weight)
+        weight = weight / weight.sum()
+        value = np.exp(np.clip(x, -300.0, 300.0)) if prior.is_log else x
+        mean = float(weight @ value)
+        cdf = np.cumsum(weight) - 0.5 * weight
+        q05, q50, q95 = (float(np.interp(p, cdf, value)) for p in (0.05, 0.5, 0.95))
+        prior_sd = prior.coordinate_sd()
+        out[parameter.name] = {
+            "mean": mean,
+            "sd": math.sqrt(max(float(weight @ (value - mean) ** 2), 0.0)),
+            "q05": q05,
+            "q50": q50,
+            "q95": q95,
+            "unit": parameter.unit,
+            "map": float(math.exp(centre) if prior.is_log else centre),
+            "contraction": max(0.0, 1.0 - (sd / prior_sd) ** 2) if prior_sd > 0 else None,
+        }
+    return out
+
+
+def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
+    """The "proof" of diagnosis.json; force recordings stand apart because their unit is another."""
+    move = [h for h in proof if h.channel == "displacement"]
+    out: dict[str, Any] = {"held_out": [], "how": how}
+    for h in proof:
+        unit = "m" if h.channel == "displacement" else "N"
+        out["held_out"].append(
+            {
+                "recording": h.recording,
+                "n": h.n,
+                f"rmse_before_{unit}": h.rmse_before,
+                f"rmse_after_{unit}": h.rmse_after,
+                f"noise_{unit}": h.noise,
+                "elpd_before": h.elpd_before,
+                "elpd_after": h.elpd_after,
+            }
+        )
+
+    def pooled(values: list[tuple[int, float]]) -> float | None:
+        total = sum(n for n, _ in values)
+        return math.sqrt(sum(n * v * v for n, v in values) / total) if total else None
+
+    out["rmse_before_m"] = pooled([(h.n, h.rmse_before) for h in move])
+    out["rmse_after_m"] = pooled([(h.n, h.rmse_after) for h in move])
+    out["noise_m"] = pooled([(h.n, h.noise) for h in move])
+    gains = np.array([h.elpd_after - h.elpd_before for h in proof])
+    out["elpd_gain"] = float(gains.sum()) if gains.size else None
+    out["elpd_gain_se"] = float(math.sqrt(gains.size) * gains.std(ddof=1)) if gains.size > 1 else None
+    return out

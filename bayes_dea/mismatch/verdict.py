@@ -1,0 +1,95 @@
+"""From weighed hypotheses to a verdict: what readings show by themselves joined on, shifts below a sample taken out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..models.effects import registered_effects
+from .clipped import Limit, expectations, lost_m
+from .mains import mains_probability
+from .name import MAINS, NONE, UNKNOWN, Naming, prior_odds
+from .reduced import Piece
+from .refit import Fit
+from .timing import as_timing
+
+#: recordings that would show less than this share of the effects, however strong, tell nothing
+_SILENT = 0.25
+
+
+@dataclass(frozen=True)
+class Fact:
+    """An effect that the readings show by themselves, whatever the physics: its probability and its parameters."""
+
+    name: str
+    probability: float
+    parameters: dict[str, dict[str, Any]]
+
+
+def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution: float) -> list[Fact]:
+    out = [Fact(MAINS, mains_probability(fit, resolution), {})]
+    if limit is not None:
+        lost = lost_m(expectations(fit, pieces), pieces, limit)
+        value, sd = limit.value_m, limit.sd_m
+        spread = {"mean": value, "sd": sd, "q05": value - 1.5588 * sd, "q50": value, "q95": value + 1.5588 * sd}
+        own = {"y_max_m": {**spread, "unit": "m", "map": value, "contraction": 1.0}}
+        out.append(Fact("sensor_clipping", 1.0 if lost >= resolution else 0.0, own))
+    return [f for f in out if f.probability > 0]
+
+
+def verdict_of(
+    naming: Naming, facts: list[Fact], step_s: float
+) -> tuple[str, dict[str, float], dict[str, str], dict[str, float]]:
+    """The likeliest name, the probabilities with what is established joined on, the physics behind each name.
+
+    And the shift in s, below one sample, that a name carries unsaid.
+    """
+    shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
+    p, physics, delays = shift.probability, shift.physics, shift.delays_s
+    for fact in facts:
+        # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out
+        for name in list(p):
+            if name == UNKNOWN:
+                continue
+            joined = _joined(name, fact.name)
+            p[joined], p[name] = p[name] * fact.probability, p[name] * (1.0 - fact.probability)
+            physics[joined] = physics[name]
+            if name in delays:
+                delays[joined] = delays[name]
+    p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
+    return max(p, key=lambda k: p[k]), p, physics, delays
+
+
+def _joined(name: str, more: str) -> str:
+    """Names of effects in the order of their stages."""
+    order = list(registered_effects())
+    return "+".join(sorted({*(name.split("+") if name != NONE else []), more}, key=order.index))
+
+
+def indistinguishable(verdict: str, p: dict[str, float]) -> list[str]:
+    """The smallest set with 99 % of the probability, the verdict first."""
+    order = [verdict, *sorted((k for k in p if k != verdict), key=lambda k: -p[k])]
+    out, total = [], 0.0
+    for name in order:
+        out.append(name)
+        total += p[name]
+        if total >= 0.99:
+            break
+    return out
+
+
+def silent(naming: Naming) -> bool:
+    """Whether these recordings would show hardly any effect even where it is strong."""
+    screened = len(naming.weighed)
+    return screened > 0 and len(naming.visible) < _SILENT * screened
+
+
+def _as_before(naming: Naming) -> dict[str, float]:
+    """Probabilities where what these recordings could not show at any strength is as probable as it was before."""
+    odds = prior_odds()
+    singles = [n for n in naming.weighed if "+" not in n]
+    p = {NONE: odds["none"], UNKNOWN: odds["unknown"], **{n: odds["single"] / len(singles) for n in singles}}
+    for name in naming.visible:
+        p[name] = naming.probability.get(name, 0.0)
+    total = sum(p.values())
+    return {k: v / total for k, v in p.items()}
