@@ -24,8 +24,9 @@ from .features import Features
 from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
+from .ridge import integrated
 from .slow_start import LIMITS, low_start, slow_start
-from .weigh import HOPELESS, Frame, Screened, Weighed, escape, moved_to, refine, screen
+from .weigh import HOPELESS, Frame, Screened, Weighed, escape, moved_to, own_index, refine, screen
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -37,6 +38,10 @@ ADEQUATE = 1e-3
 _REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
 #: an effect could be seen where its likelihood varies by so many nats over its grid
 _VISIBLE = 5.0
+#: nats behind the best within which an effect of several parameters is weighed along its ridge
+_RIVALS = 12.0
+#: standard error of an evidence from which on it is a grid's
+_DOUBTFUL = 0.4
 #: how many of the leading ones are searched around
 _ESCAPES = 4
 
@@ -186,7 +191,7 @@ def name_physics(
     limited = [] if low is None else [Frame(replace(low, noise=prior.start()), far=True)]
     found = _singles([*frames, *limited], len(frames), model, names, given, say, memory)
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
-    weighed = _refined(base, found, prior, say, 2, spoiled)
+    weighed = _refined(base, found, prior, say, 2, rng, spoiled)
     if weighed is None:
         return None
     explanations = {NONE: none}
@@ -209,7 +214,7 @@ def name_physics(
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
-        more = _beside(best.weighed, model, names, prior, given, say)
+        more = _beside(best.weighed, model, names, prior, given, say, rng)
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
         if not more:
@@ -275,6 +280,7 @@ def _refined(
     prior: NoisePrior,
     say: Report,
     starts: int,
+    rng: np.random.Generator,
     spoiled: Callable[[Fit], bool] | None = None,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
@@ -302,8 +308,10 @@ def _refined(
         if w is None:
             most = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
             w = Weighed(s.effects, base, min(s.log_evidence, most), 0.5, 0.0)
-        # of two laws of one effect the likelier stands for it
-        if name not in out or w.log_evidence > out[name].log_evidence:
+        # laws of one effect share its prior, and the likelier stands for it
+        laws = sum(o.effects == s.effects for o in screened)
+        w = replace(w, log_evidence=w.log_evidence - math.log(laws), shared_prior=-math.log(laws))
+        if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
             out[name], of[name] = w, s
     settled: set[str] = set()
     for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
@@ -313,7 +321,21 @@ def _refined(
             break
         out[waiting[0]] = escape(base, of[waiting[0]], out[waiting[0]], prior)
         settled.add(waiting[0])
+    top = max((_hopeful(w, base) for w in out.values()), default=0.0)
+    for name, w in out.items():  # rivals that are near are weighed along their ridges
+        own = own_index(base, of[name].model)
+        narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
+        if w.fit is base or _hopeful(w, base) < top - _RIVALS or narrow or own.size > 4:
+            continue
+        better = integrated(w.fit, own, rng)
+        if better is not None:
+            out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
     return out
+
+
+def _hopeful(w: Weighed, base: Fit) -> float:
+    """Log evidence that a hypothesis may have: a grid that is too coarse for its peak says less."""
+    return w.log_evidence if w.fit is base else max(w.log_evidence, w.fit.log_evidence + w.shared_prior)
 
 
 def _singles(
@@ -345,7 +367,8 @@ def _singles(
 
 
 def _beside(
-    best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report
+    best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
+    rng: np.random.Generator,
 ) -> list[Weighed]:
     """Every further effect beside the ones found."""
     frame = Frame(best.fit)
@@ -359,4 +382,4 @@ def _beside(
         s = screen([frame], m, effects, sparse=True) if m is not None else None
         if s is not None:
             found.append(s)
-    return list((_refined(best.fit, found, prior, say, 1) or {}).values())
+    return list((_refined(best.fit, found, prior, say, 1, rng) or {}).values())

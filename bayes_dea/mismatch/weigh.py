@@ -32,6 +32,10 @@ _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 _POINTS = {0: (), 1: (13,), 2: (7, 4), 3: (5, 3, 2), 4: (4, 3, 2, 2)}
 #: span (in logarithms) of a second parameter that two points are enough for
 _NARROW = 3.5
+#: distance (in logarithms) of points of a second parameter, at most: modes a factor of ten apart have little in common
+_COARSEST = 2.0
+#: quantiles of a log-normal strength below those of the grid
+_WEAK = (0.02, 0.004)
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
@@ -58,6 +62,7 @@ class Weighed:
     log_evidence_se: float
     size_m: float  # largest RMS of what the effect changes on a recording, everything else refitted
     value: float = math.inf  # minus log posterior at the noise that fits begin with
+    shared_prior: float = 0.0  # log share of its effect's prior, where that has several laws
 
     @property
     def name(self) -> str:
@@ -81,14 +86,21 @@ class Frame:
         assert total is not None
         self.total = total
         base, gradient, curvature = prior_derivatives(fit.problem, fit.q)
-        self.prior, self.gradient = base, gradient
+        self.prior, self.gradient, self.curvature = base, gradient, curvature
         self.H = total[1:, 1:] + curvature
         self.Hinv = inverse(0.5 * (self.H + self.H.T))
 
     def value(self, clean: list[Array]) -> tuple[float, Array]:
         """Minus log posterior (without log det terms) of other predictions, base moved along; and the move (d,)."""
-        rr, cross = 0.0, -self.gradient.copy()
-        _, gains = self.fit.problem.beside(self.fit.q)
+        rr, cross = self.residual(clean, self.fit.q)
+        cross = cross - self.gradient
+        move = self.Hinv @ cross
+        return self.prior + 0.5 * rr - 0.5 * float(cross @ move), move
+
+    def residual(self, clean: list[Array], q: Array) -> tuple[float, Array]:
+        """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
+        rr, cross = 0.0, np.zeros(self.fit.q.size)
+        _, gains = self.fit.problem.beside(q)
         for piece, w, x in zip(self.fit.problem.pieces, self.whitened, clean, strict=True):
             r = piece.y - (1 + gains[piece.group]) * x
             one = whiten_one(piece, r, self.fit)
@@ -99,8 +111,7 @@ class Frame:
             mb = np.linalg.solve(M, b)
             rr -= float(b @ mb)
             cross += w.columns[1:] @ one - (w.columns[1:] @ w.nuisance.T) @ mb
-        move = self.Hinv @ cross
-        return self.prior + 0.5 * rr - 0.5 * float(cross @ move), move
+        return rr, cross
 
 
 def whiten_one(piece: object, r: Array, fit: Fit) -> Array:
@@ -141,8 +152,9 @@ def grid_points(model: Model, index: NDArray[np.int64], values: dict[str, float]
     if len(shape) == 2:
         # a damping or a yield strain within a decade and a half: a refit finds it from the nearer of two
         own = model.priors.free[index[1]].prior
-        if own.family == "loguniform" and math.log(own.b / own.a) < _NARROW:
-            shape = (shape[0], 2)
+        if own.family == "loguniform":
+            span = math.log(own.b / own.a)
+            shape = (shape[0], 2 if span < _NARROW else max(shape[1], math.ceil(span / _COARSEST)))
     axes = []
     for p, s in zip([model.priors.free[i] for i in index], shape, strict=True):
         shift = math.log(values[p.prior.relative_to]) if p.prior.relative_to else 0.0
@@ -150,15 +162,22 @@ def grid_points(model: Model, index: NDArray[np.int64], values: dict[str, float]
     return [np.array(point) for point in itertools.product(*axes)]
 
 
-def end_points(model: Model, index: NDArray[np.int64]) -> list[Array]:
-    """Points close to the ends of a uniform prior, where the effect has one parameter; they find, they do not weigh."""
-    if index.size != 1:
-        return []
-    prior = model.priors.free[index[0]].prior
-    if prior.family != "uniform":
-        return []
-    width = prior.b - prior.a
-    return [np.array([x]) for share in _ENDS for x in (prior.a + share * width, prior.b - share * width)]
+def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, float], sparse: bool) -> list[Array]:
+    """Further points where the grid of quantiles would miss an effect; they find, they do not weigh.
+
+    Close to the ends of a uniform prior that stands alone, where a limit is just reached; in the lower tail of a
+    log-normal strength, because an effect that is three times too strong looks worse than none.
+    """
+    priors = [model.priors.free[i].prior for i in index]
+    if len(priors) == 1 and priors[0].family == "uniform":
+        a, b = priors[0].a, priors[0].b
+        return [np.array([x]) for share in _ENDS for x in (a + share * (b - a), b - share * (b - a))]
+    if len(priors) == 2 and priors[0].family == "lognormal":
+        shift = math.log(values[priors[0].relative_to]) if priors[0].relative_to else 0.0
+        weak = [float(priors[0].ppf(np.array([quantile]), shift)[0]) for quantile in _WEAK]
+        others = sorted({float(point[1]) for point in grid_points(model, index, values, sparse)})
+        return [np.array([x, y]) for x in weak for y in others]
+    return []
 
 
 @dataclass(frozen=True)
@@ -198,7 +217,7 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
         own_fit = frame.fit
         before = float(own_fit.problem.model.log_prior(own_fit.q[None, :d])[0])
         weighing = grid_points(model, index, own_fit.values(), sparse)
-        for k, own in enumerate([*weighing, *end_points(model, index)]):
+        for k, own in enumerate([*weighing, *finding_points(model, index, own_fit.values(), sparse)]):
             q = insert(own_fit, model, own)
             own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
             if not np.isfinite(own_prior):
