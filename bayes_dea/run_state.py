@@ -30,13 +30,18 @@ def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
     return folder / f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
 
 
+def further(checkpoint: Path, k: int) -> Path:
+    """Checkpoint of the k-th run that began again where the one of `checkpoint` had learned enough."""
+    return checkpoint.with_name(f"{checkpoint.stem}_{k}{checkpoint.suffix}")
+
+
 def finished(folder: Path, keep: Path | None = None) -> None:
     """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
     for pattern in (f"{_PREFIX}*.npz", f"{PARTIAL}*"):
         for path in folder.glob(pattern):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
-            elif path != keep:
+            elif keep is None or not path.name.startswith(keep.stem):
                 path.unlink(missing_ok=True)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,19 +11,23 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from .emulation import Emulation, emulate
 from .errors import InputError, NotConvergedWarning
 from .find_map import MapResult, laplace_covariance
-from .fit.adapt import adapt
+from .fit.adapt import adapt, learned
 from .fit.ensemble import EnsembleResult, Progress, sample
 from .fit.evidence import bridge_log_evidence
 from .likelihood.linear_group import LinearGroup
 from .likelihood.metric import metric_at
 from .likelihood.posterior import Posterior
 from .quantities import to_converge
+from .run_state import further
 from .settings import CalibrationSettings
 
+#: steps after which a run that has not converged is stopped, to begin again with a proposal that knows its draws
+_LEARNING_STEPS = (2000, 4000)
 #: called with (phase, done, of, text)
 Report = Callable[[str, float, float, str], None]
 
@@ -56,8 +62,21 @@ def sample_posterior(
     emulate_with: lag bases of the voltage recordings, for a posterior whose every value is a simulation. say, lap:
     called with progress and at the end of each phase. checkpoint: file that the sampler keeps while it runs.
     """
-    s = settings
-    r_start, r_sample, r_evidence = rng.spawn(3)
+    with threadpool_limits(1):  # the matrices are small: threads would wait for each other
+        return _sampled(posterior, found, settings, rng, emulate_with, say, lap, checkpoint)
+
+
+def _sampled(
+    posterior: Posterior,
+    found: MapResult,
+    s: CalibrationSettings,
+    rng: np.random.Generator,
+    emulate_with: Sequence[LinearGroup] | None,
+    say: Report,
+    lap: Callable[[str], None],
+    checkpoint: Path | None,
+) -> Sampled:
+    r_start, r_sample, r_learn, r_evidence = rng.spawn(4)
     emulation: Emulation | None = None
     density: Callable[[NDArray], NDArray]
     back: Callable[[NDArray], NDArray]
@@ -89,33 +108,49 @@ def sample_posterior(
         text = f"step {p.step}, {tau}{rhat}acceptance {p.acceptance:.2f}"
         say("sampling", min(p.step, goal), max(goal, p.step), text)
 
-    def run(resume_from: Path | None) -> EnsembleResult:
-        return sample(
-            density,
-            start,
-            s.sampler,
-            r_sample,
-            names=posterior.names,
-            report=on_check,
-            derived=lambda y: to_converge(shown, back(y)),
-            checkpoint=checkpoint,
-            resume_from=resume_from,
-            proposal=proposal,
-            metric=metric,
-        )
+    rngs = r_sample.spawn(len(_LEARNING_STEPS) + 1)
+    began = time.monotonic()
+
+    def run(k: int, limit: int) -> EnsembleResult:
+        """The k-th run, up to `limit` steps, from its checkpoint where there is one."""
+        path = checkpoint if checkpoint is None or k == 0 else further(checkpoint, k)
+        seconds = s.sampler.max_seconds
+        left = None if seconds is None else max(seconds - (time.monotonic() - began), 0.0)
+        settings = replace(s.sampler, max_steps=limit, max_seconds=left)
+
+        def go(resume_from: Path | None) -> EnsembleResult:
+            return sample(
+                density,
+                start,
+                settings,
+                rngs[k],
+                names=posterior.names,
+                report=on_check,
+                derived=lambda y: to_converge(shown, back(y)),
+                checkpoint=path,
+                resume_from=resume_from,
+                proposal=proposal,
+                metric=metric,
+            )
+
+        if path is not None and path.exists():
+            # damaged, or of another machine whose last digits differ: it is worth no more than time
+            with contextlib.suppress(InputError):
+                return go(path)
+        return go(None)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConvergedWarning)
         warnings.simplefilter("ignore", RuntimeWarning)
         say("sampling", 0, 1, "")
-        result: EnsembleResult | None = None
-        if checkpoint is not None and checkpoint.exists():
-            try:
-                result = run(checkpoint)
-            except InputError:  # damaged, or of another machine whose last digits differ: worth no more than time
-                result = None
-        if result is None:
-            result = run(None)
+        most = s.sampler.max_steps
+        for k in range(len(rngs)):
+            last = emulation is not None or k == len(_LEARNING_STEPS) or most < 2 * _LEARNING_STEPS[k]
+            result = run(k, most if last else _LEARNING_STEPS[k])
+            if last or result.converged or result.steps < _LEARNING_STEPS[k]:
+                break
+            # a branch that the short runs had not found: what this run has seen of it goes into the proposal
+            start, proposal = result.unthinned[0][:, -1].copy(), learned(result, r_learn) or proposal
     lap("sample")
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()

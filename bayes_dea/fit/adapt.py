@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.errors import InputError
-from bayes_dea.fit.ensemble import EnsembleSettings, sample
+from bayes_dea.fit.ensemble import EnsembleResult, EnsembleSettings, sample
 from bayes_dea.fit.mixture import Mixture, fit_mixture, joined
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def adapt(
     """Proposal for a density (B, d) -> (B,), learned from walkers start (e, w, d); metric: see `ensemble.sample`."""
     s = settings or AdaptSettings()
     quick = EnsembleSettings(
-        max_steps=s.steps, check_every=s.steps, thin_taus=0.0, burn_fraction=0.3, burn_taus=0.0, checkpoint_seconds=1e9
+        max_steps=s.steps, check_every=s.steps, burn_fraction=0.3, burn_taus=0.0
     )
     proposal: Mixture | None = None
     walkers = start
@@ -72,12 +72,19 @@ def adapt(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             run = sample(log_prob, walkers, quick, rng, proposal=proposal, metric=metric, report=at)
-        walkers = run.chains[:, -1].copy()
-        with contextlib.suppress(InputError):  # too few draws, or all in one place: without a mixture it goes on
-            proposal = _fitted(run.flat(), run.log_prob.ravel(), rng, s)
+        walkers = run.unthinned[0][:, -1].copy()
+        proposal = learned(run, rng, s) or proposal
         if i and np.all(np.isfinite(run.tau)) and np.max(run.tau) < s.enough:
             break
     return Adapted(walkers, proposal, i + 1)
+
+
+def learned(run: EnsembleResult, rng: np.random.Generator, settings: AdaptSettings | None = None) -> Mixture | None:
+    """Proposal fitted to all draws of a run; None where they are too few or all in one place."""
+    chains, log_prob = run.unthinned
+    with contextlib.suppress(InputError):
+        return _fitted(chains.reshape(-1, chains.shape[-1]), log_prob.ravel(), rng, settings or AdaptSettings())
+    return None
 
 
 def _fitted(x: Array, log_prob: Array, rng: np.random.Generator, s: AdaptSettings) -> Mixture:

@@ -42,8 +42,7 @@ class EnsembleSettings:
     rank-normalised split R-hat below `rhat_limit`, bulk and tail ESS above `ess_limit`. Burn-in is the larger
     of `burn_taus` autocorrelation times and `burn_fraction` of the run. `max_seconds` counts the run since it
     was started or resumed. Weights need not add up to one. At most `max_stored` steps of an ensemble are kept
-    in memory; beyond, every second one is dropped and later ones are stored at that distance. Draws are kept at
-    most `thin_taus` autocorrelation times apart; 0 keeps every stored one.
+    in memory; beyond, every second one is dropped and later ones are stored at that distance.
     """
 
     max_steps: int = 20_000
@@ -60,7 +59,6 @@ class EnsembleSettings:
     de_sigma: float = 1e-5
     max_stored: int = 4_000
     checkpoint_seconds: float = 10.0
-    thin_taus: float = 0.5
 
     def __post_init__(self) -> None:
         weights = (self.de_weight, self.jump_weight, self.stretch_weight)
@@ -93,7 +91,8 @@ class EnsembleResult:
     chains: (ensemble, step, walker, d); log_prob: (ensemble, step, walker); tau: (ensemble, d) in steps;
     acceptance: (ensemble,); steps: run per ensemble; burn_in: steps dropped; thin: steps between kept draws;
     rhat, ess_bulk, ess_tail: by quantity, derived ones included; the two ESS are empty unless converged,
-    because an ESS of chains that disagree means nothing; reason: why the run ended, in words.
+    because an ESS of chains that disagree means nothing; reason: why the run ended, in words. unthinned: chains and
+    log_prob as they were before thinning.
     """
 
     names: tuple[str, ...]
@@ -112,6 +111,7 @@ class EnsembleResult:
     evaluations: int
     nan_count: int
     seconds: float
+    unthinned: tuple[Array, Array] = field(repr=False)
 
     def flat(self) -> Array:
         """All draws, (ensemble * step * walker, d)."""
@@ -227,7 +227,7 @@ def sample(
         labels, verdict.chains, verdict.log_prob, verdict.tau, np.mean(store.accepted, axis=1) / store.step,
         store.step, verdict.burn_in, verdict.thin, verdict.rhat,
         verdict.ess_bulk if verdict.converged else {}, verdict.ess_tail if verdict.converged else {},
-        verdict.converged, reason, density.evaluations, density.nan_count, time.monotonic() - began,
+        verdict.converged, reason, density.evaluations, density.nan_count, time.monotonic() - began, verdict.unthinned,
     )  # fmt: skip
 
 
@@ -463,11 +463,13 @@ class _Verdict:
     ess_tail: dict[str, float]
     converged: bool
     lacking: str
+    unthinned: tuple[Array, Array]
 
     @staticmethod
     def nothing(d: int, e: int) -> _Verdict:
         return _Verdict(
-            np.empty((e, 0, 0, d)), np.empty((e, 0, 0)), np.full((e, d), np.nan), 0, 1, {}, {}, {}, False, ""
+            np.empty((e, 0, 0, d)), np.empty((e, 0, 0)), np.full((e, d), np.nan), 0, 1, {}, {}, {}, False, "",
+            (np.empty((e, 0, 0, d)), np.empty((e, 0, 0))),
         )
 
 
@@ -496,7 +498,9 @@ def _judge(
     e, n, _, d = chain.shape
     if n < 8:
         verdict = _Verdict.nothing(d, e)
-        return replace(verdict, chains=chain, log_prob=log_prob, lacking="fewer than 8 steps stored")
+        return replace(
+            verdict, chains=chain, log_prob=log_prob, unthinned=(chain, log_prob), lacking="fewer than 8 steps stored"
+        )
     # A first tau from the later half says how much of the beginning to drop.
     rough = np.array([[integrated_time(chain[k, n // 2 :, :, i]) for i in range(d)] for k in range(e)])
     worst = float(np.nanmax(rough)) if np.isfinite(rough).any() else n / 2.0
@@ -505,12 +509,12 @@ def _judge(
     tau = np.array([[integrated_time(kept[k, :, :, i]) for i in range(d)] for k in range(e)])
     limit = float(np.nanmax(tau)) if np.isfinite(tau).any() else np.nan
     long_enough = np.all(np.isfinite(tau)) and kept.shape[1] > s.tau_factor * limit
-    step = max(1, min(int(limit * s.thin_taus), kept.shape[1] // 20)) if np.isfinite(limit) else 1
+    step = max(1, min(int(limit / 2.0), kept.shape[1] // 20)) if np.isfinite(limit) else 1
     draws, values = kept[:, ::step], log_prob[:, burn:][:, ::step]
     verdict = _Verdict(
         draws, values, tau * store.thin, burn * store.thin, step * store.thin, {}, {}, {}, False,
         f"{kept.shape[1] * store.thin} steps after burn-in, {s.tau_factor:g} autocorrelation times "
-        f"would be {s.tau_factor * limit * store.thin:.0f}",
+        f"would be {s.tau_factor * limit * store.thin:.0f}", (kept, log_prob[:, burn:]),
     )  # fmt: skip
     if not long_enough and not final:
         return verdict

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from bayes_dea.errors import InputError
@@ -96,25 +96,29 @@ def _shares(x: Array, m: Mixture) -> Array:
 
 def _log_parts(x: Array, m: Mixture) -> Array:
     """log weight plus log density of each component, (n, k)."""
-    k, d = m.means.shape
-    inverses = np.empty((k, d, d))
-    heights = np.empty(k)
-    with np.errstate(divide="ignore"):
-        for j in range(k):
-            inverses[j] = solve_triangular(m.roots[j], np.eye(d), lower=True, check_finite=False)
-            heights[j] = np.log(m.weights[j]) - np.sum(np.log(np.diag(m.roots[j]))) - 0.5 * d * np.log(2.0 * np.pi)
-    out = np.empty((len(x), k))
-    _parts(np.ascontiguousarray(x), np.ascontiguousarray(m.means), inverses, heights, out)
+    out = np.empty((len(x), len(m.weights)))
+    whole = [np.ascontiguousarray(a, dtype=float) for a in (x, m.weights, m.means, m.roots)]
+    _parts(whole[0], whole[1], whole[2], whole[3], out)
     return out
 
 
-@njit(cache=True)
-def _parts(x, means, inverses, heights, out):
+@njit(cache=True, error_model="numpy")
+def _parts(x, weights, means, roots, out):
     """Each component's log density of points x (n, d), a loop for the few points of a step as for thousands."""
     n, d = x.shape
     y = np.empty(d)
+    inverse = np.zeros((d, d))
     for j in range(means.shape[0]):
-        inverse = inverses[j]
+        root = roots[j]
+        height = math.log(weights[j]) - 0.5 * d * math.log(2.0 * math.pi) if weights[j] > 0.0 else -np.inf
+        for a in range(d):  # the inverse of a lower triangle, row by row
+            height -= math.log(root[a, a])
+            for b in range(a):
+                z = 0.0
+                for c in range(b, a):
+                    z += root[a, c] * inverse[c, b]
+                inverse[a, b] = -z / root[a, a]
+            inverse[a, a] = 1.0 / root[a, a]
         for i in range(n):
             for a in range(d):
                 y[a] = x[i, a] - means[j, a]
@@ -124,7 +128,7 @@ def _parts(x, means, inverses, heights, out):
                 for b in range(a + 1):
                     z += inverse[a, b] * y[b]
                 total += z * z
-            out[i, j] = heights[j] - 0.5 * total
+            out[i, j] = height - 0.5 * total
 
 
 def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = 1e-3) -> Mixture:
