@@ -33,6 +33,9 @@ _NAMES = {
     "diagnose": "mismatch.diagnosis",
     "Diagnosis": "mismatch.diagnosis",
     "DiagnosisSettings": "mismatch.diagnosis",
+    "propose": "design.propose",
+    "Proposals": "design.propose",
+    "ProposalSettings": "design.propose",
     "Model": "models.model",
     "build_model": "models.model",
     "Prior": "priors",
@@ -47,6 +50,9 @@ _NAMES = {
     "export_state_space": "export.write",
     "load_state_space": "export.files",
     "run_bench": "bench.run",
+    "serve_bench": "bench.device.run",
+    "follow_bench": "live.run",
+    "LiveSettings": "live.run",
     "import_files": "importing.run",
     "write_report": "report.page",
     "load_posterior": "store",
@@ -59,6 +65,7 @@ _NAMES = {
 __all__ = ["__version__", *sorted(_NAMES)]
 
 if TYPE_CHECKING:
+    from .bench.device.run import serve_bench
     from .bench.run import run_bench
     from .calibration import Calibration, CalibrationSettings, calibrate
     from .campaign import (
@@ -71,11 +78,13 @@ if TYPE_CHECKING:
         recording_from_arrays,
     )
     from .comparison.run import Comparison, ComparisonSettings, compare
+    from .design.propose import Proposals, ProposalSettings, propose
     from .errors import BayesDEAError, InputError, NotConvergedWarning
     from .export.files import load_state_space
     from .export.write import export_state_space
     from .forward import simulate
     from .importing.run import import_files
+    from .live.run import LiveSettings, follow_bench
     from .mismatch.diagnosis import Diagnosis, DiagnosisSettings, diagnose
     from .models.model import Model, build_model
     from .models.networks import gkv_to_gm, gm_to_gkv

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .commands import bench, calibrate, compare, diagnose, export, import_, predict, report
+from .commands import bench, calibrate, compare, diagnose, export, import_, live, next_, predict, report
 from .commands.progress import Interrupted, no_colours, plain_terminal, signals
 from .errors import BayesDEAError
 
@@ -24,6 +24,8 @@ VERBS: dict[str, tuple[Callable[..., None], str]] = {
     "calibrate": (calibrate.calibrate, calibrate.EXAMPLE),
     "compare": (compare.compare, compare.EXAMPLE),
     "diagnose": (diagnose.diagnose, diagnose.EXAMPLE),
+    "next": (next_.next_, next_.EXAMPLE),
+    "live": (live.live, live.EXAMPLE),
     "bench": (bench.bench, bench.EXAMPLE),
     "predict": (predict.predict, predict.EXAMPLE),
     "export": (export.export, export.EXAMPLE),

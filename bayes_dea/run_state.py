@@ -81,8 +81,9 @@ def _lock(path: Path, folder: Path) -> int:
                 raise InputError(f"--out {folder}: another run is writing there ({_holder(path)}); wait for it to end, "
                                  "stop it, or choose another folder")
             # the one before may have removed the name between our opening it and locking it
-            if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
-                return handle
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(handle), path.stat()):
+                    return handle
         except BaseException:
             os.close(handle)
             raise

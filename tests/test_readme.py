@@ -1,5 +1,6 @@
 """What the README and the READMEs of the runs show works as printed."""
 
+import json
 import re
 import shlex
 import shutil
@@ -49,6 +50,16 @@ def test_commands_with_priors_run(beside_quickstart: Path):
         assert done.returncode == 0, done.stderr
 
 
+def test_command_that_compares_runs(beside_quickstart: Path):
+    """With fewer structures than printed, for the time."""
+    (line,) = re.findall(r"^    (bayes-dea compare .*)$", README, re.M)
+    words = [sys.executable, "-m", "bayes_dea", *shlex.split(line)[1:], "--quiet"]
+    words[words.index("--models") + 1] = "hooke,hooke+gm1..2"
+    done = subprocess.run(words, cwd=beside_quickstart, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (beside_quickstart / "comparison" / "comparison.json").is_file()
+
+
 def test_commands_on_a_calibration_run(beside_quickstart: Path):
     """The lines of "Using a calibration", "Files of another make" and the bench's, in their order."""
     import numpy as np
@@ -66,12 +77,12 @@ def test_commands_on_a_calibration_run(beside_quickstart: Path):
         rows = "\n".join(f"{a:.3f},{b:.9g}" for a, b in zip(t, values, strict=True))
         (beside_quickstart / f"{name}.csv").write_text(f"time_s,{column}\n{rows}\n", encoding="utf-8")
     shutil.copytree(beside_quickstart / "quickstart", beside_quickstart / "recordings")
-    lines = re.findall(r"^    (bayes-dea (?:predict|export|report|import|bench) .*)$", README, re.M)
-    assert {line.split()[1] for line in lines} == {"predict", "export", "report", "import", "bench"}
+    lines = re.findall(r"^    (bayes-dea (?:predict|export|report|import|bench|next) [^\n]*[^&\n])$", README, re.M)
+    assert {line.split()[1] for line in lines} == {"predict", "export", "report", "import", "bench", "next"}
     for line in lines:
         run(line)
     for made in ("check/prediction.csv", "follow/command.csv", "out/model.mat", "imported/campaign.toml",
-                 "with_resistor/campaign.toml"):
+                 "with_resistor/campaign.toml", "next/next/costs.toml"):
         assert (beside_quickstart / made).is_file(), made
 
 
@@ -117,3 +128,21 @@ def test_every_run_has_a_readme_with_a_command(name: str):
 def test_files_that_the_readme_points_to_exist():
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
         assert (ROOT / target).exists(), target
+
+
+def test_live_commands_run(beside_quickstart: Path):
+    """Both lines as printed, but for a shorter programme and a clock that runs faster."""
+    bench, live = re.findall(r"^    (bayes-dea bench --serve-pty .*) &\n    (.*)$", README, re.M)[0]
+    assert "--play demo" in live
+    here = f"{shlex.quote(sys.executable)} -m bayes_dea"
+    bench = bench.replace("bayes-dea", here).replace("--lasting 90", "--lasting 40 --speed 4")
+    live = live.replace("bayes-dea", here).replace("--play demo", "--play short").replace("hooke+gm3", "hooke+gm1")
+    device = subprocess.Popen(shlex.split(bench), cwd=beside_quickstart, stdout=subprocess.DEVNULL)
+    try:
+        done = subprocess.run(live + " --quiet", shell=True, cwd=beside_quickstart, capture_output=True, text=True,
+                              timeout=120, check=False)
+    finally:
+        device.terminate()
+        device.wait(timeout=20)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((beside_quickstart / "live" / "live.json").read_text(encoding="utf-8"))["samples"] > 1000

@@ -179,17 +179,17 @@ def test_what_was_done_is_kept_when_it_is_interrupted(campaign, undisturbed, tmp
 
 def test_resume_and_anew(small_campaign, tmp_path, monkeypatch, capsys):
     """--resume continues or, with nothing to continue, begins; --anew begins; both is a contradiction."""
-    from bayes_dea import calibration, cli
+    from bayes_dea import cli, sampling
 
     began = []
-    sample = calibration.sample
+    sample = sampling.sample
 
     def watched(*arguments, **options):
         began.append(options["resume_from"])
         return sample(*arguments, **options)
 
     campaign = tiny_campaign(small_campaign, tmp_path / "tiny")
-    monkeypatch.setattr(calibration, "sample", watched)
+    monkeypatch.setattr(sampling, "sample", watched)
     monkeypatch.setattr("bayes_dea.report.page.write_report", lambda folder, **_: None)
 
     def run(*options):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import OutOption, QuietOption, SeedOption, count, name, number, writing
+from .options import OutOption, QuietOption, SeedOption, count, name, number, seconds, writing
 from .progress import progress
 
 EXAMPLE = "Example: bayes-dea bench --preset quickstart --out quickstart"
@@ -31,9 +31,34 @@ def bench(
     = None,
     truth: Annotated[Path | None, typer.Option(metavar="FILE", help="Where --preset concealed writes what "
                      "it concealed; else OUT.truth.json.")] = None,
+    serve_pty: Annotated[bool, typer.Option("--serve-pty", help="Be a device on a pseudo-terminal instead, for live; "
+                         "prints its port.")] = False,
+    tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Be a device on a TCP port instead.")] = None,
+    link: Annotated[Path | None, typer.Option(metavar="FILE", help="A fixed name for the pseudo-terminal.")] = None,
+    rate: Annotated[float, number(help="Samples a second of the device.")] = 1000.0,
+    speed: Annotated[float, number(help="Device's seconds a second; 0: as fast as the host reads.", min=0.0)] = 1.0,
+    fault: Annotated[list[str] | None, typer.Option(metavar="NAME=X", help="Fault of the device: a share (garble, "
+                     "cut, checksum, dropouts =0.01), drift=50e-6, or at a moment (reset=5, stall=5:1.5, unplug=5, "
+                     "stiffness=20:1.05, delay=20:3e-3); may be repeated.")] = None,
+    lasting: Annotated[float | None, seconds(help="How long to be a device; until Ctrl-C where not said.")] = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Write a campaign of the virtual bench: the reference actuator, simulated, with sensors that err."""
+    """Write a campaign of the virtual bench: the reference actuator, simulated, with sensors that err.
+
+    With --serve-pty or --tcp it is a device that streams such readings.
+    """
+    if serve_pty or tcp is not None:
+        from ..bench.device.run import serve_bench
+        from ..errors import InputError
+
+        if serve_pty and tcp is not None:
+            raise InputError("--serve-pty and --tcp: give one of them")
+        if effect or effects is not None:
+            raise InputError("--effect: the device streams the plain actuator; what changes on it is given with "
+                             "--fault stiffness=AT:FACTOR, delay=AT:SECONDS or dropouts=SHARE")
+        serve_bench(tcp, link=link, rate_Hz=rate, speed=speed, seconds=lasting, faults=fault or (), seed=seed,
+                    material=material, noise_scale=1.0 if noise_scale is None else noise_scale, announce=typer.echo)
+        return
     from ..bench.effects import parse_effect, read_effects
     from ..bench.run import run_bench
 

@@ -9,72 +9,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..campaign import recording_from_arrays
 from ..campaign.schema import Actuator, Recording
 from ..errors import InputError
+from ..experiments.costs import Costs
+from ..experiments.limits import limits_of_actuator
+from ..experiments.menu import Experiment, menu
 from ..forward import simulate
 from .fit_one import Fitted
 
 Array = NDArray[np.float64]
-#: rest before a recording, and rows a second that a bench takes
-_REST_S, _RATE_HZ = 600.0, 1000.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An experiment that could be made: settings as next.json states them, a recording without answer, its cost.
+    """An experiment of the menu and its cost without regard to the material, in s of bench time."""
 
-    weight (n,): readings of the bench that each row stands for.
-    """
+    experiment: Experiment
 
-    settings: dict[str, Any]
-    recording: Recording
-    weight: Array
+    @property
+    def recording(self) -> Recording:
+        """Its rows, without answer."""
+        return self.experiment.recording
 
     @property
     def cost_s(self) -> float:
-        """Seconds of bench time with the rest before."""
-        return float(self.recording.time_s[-1]) + _REST_S
+        """Seconds of bench time: preparation, recording and a rest of ten minutes."""
+        e = self.experiment
+        return _COSTS.setup_s(e.channel) + e.duration_s + _COSTS.rest_s
+
+
+#: what is not known before the material is: `next` works the rest out
+_COSTS = Costs(rest_s=600.0)
 
 
 def trials(actuator: Actuator, mechanical: bool) -> list[Trial]:
-    """Holds of a minute to an hour, waves from slow to fast, compression and relaxation, within the limits."""
-    top = actuator.max_voltage_V or 1200.0
-    fastest = actuator.max_frequency_Hz or 100.0
-    out = []
-    for duration in (60.0, 720.0, 3600.0):
-        t = np.concatenate([np.arange(0.0, 2.0, 0.01), np.geomspace(2.0, duration, 400)])
-        v = np.where(t > 0.5, top, 0.0)
-        out.append(_trial("creep", {"voltage_V": top, "duration_s": duration}, t, v, actuator))
-    for frequency in (0.1, 1.0, 10.0, min(fastest, 40.0)):
-        t = np.arange(0.0, 5.0 / frequency, 0.01 / frequency)
-        v = 0.5 * top * (1 - np.cos(2 * np.pi * frequency * t))
-        settings = {"voltage_V": 0.5 * top, "amplitude_V": 0.5 * top, "frequency_Hz": frequency,
-                    "duration_s": 5.0 / frequency}
-        out.append(_trial("sine", settings, t, v, actuator))
-    if mechanical and actuator.stack_height_m and actuator.total_area_m2:
-        for share in (0.1, 0.2):
-            h = share * actuator.stack_height_m
-            t = np.arange(0.0, 60.0, 0.05)
-            settings = {"amplitude_m": h, "duration_s": 60.0}
-            out.append(_trial("compression", settings, t, h * (1 - np.abs((t % 20.0) / 10.0 - 1)), actuator))
-        t = np.concatenate([np.arange(0.0, 3.0, 0.02), np.geomspace(3.0, 1800.0, 300)])
-        h = 0.1 * actuator.stack_height_m
-        settings = {"amplitude_m": h, "duration_s": 1800.0}
-        out.append(_trial("relaxation", settings, t, h * np.clip((t - 1.0) / 0.3, 0.0, 1.0), actuator))
-    return out
-
-
-def _trial(kind: str, settings: dict[str, Any], t: Array, x: Array, actuator: Actuator) -> Trial:
-    voltage = kind in ("creep", "sine")
-    # the answer's sign says which way the plates press; its size is of no account
-    columns = (
-        {"time_s": t, "voltage_V": x, "displacement_m": np.zeros(t.size)} if voltage
-        else {"time_s": t, "position_m": x, "force_N": x * 1e3}
-    )  # fmt: skip
-    recording = recording_from_arrays("next", kind, columns, "identify", actuator)
-    step = np.gradient(t)
-    return Trial({"kind": kind, **settings}, recording, np.maximum(step * _RATE_HZ, 1.0))
+    """The short menu within the limits of an actuator."""
+    return [Trial(e) for e in menu(limits_of_actuator(actuator, mechanical), "few")]
 
 
 def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
@@ -90,7 +60,7 @@ def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
         return 0.0
     sigma, rho = (v[0] for v in a.posterior.noise_part(a.x[None], channel))
     r = float(np.max(rho))
-    w = np.sqrt(trial.weight) / (float(sigma) * math.sqrt((1 + r) / max(1 - r, 1e-6)))
+    w = np.sqrt(trial.experiment.rows.readings) / (float(sigma) * math.sqrt((1 + r) / max(1 - r, 1e-6)))
     d = b.posterior.model.dimension
     root = np.linalg.cholesky(b.covariance[:d, :d] + 1e-14 * np.diag(np.diag(b.covariance)[:d]))
     columns = [np.ones_like(y)]
@@ -131,7 +101,7 @@ def telling_apart(a: Fitted, b: Fitted, mechanical: bool) -> dict[str, Any] | No
     enough = [f for f in found if f[0] >= 5.0]
     nats, trial = min(enough, key=lambda f: f[1].cost_s) if enough else max(found, key=lambda f: f[0])
     return {
-        "experiment": trial.settings,
+        "experiment": trial.experiment.stated,
         "expected_nats": nats,
         "cost_s": trial.cost_s,
         "decisive": bool(nats >= 5.0),

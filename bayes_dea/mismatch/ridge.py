@@ -17,10 +17,10 @@ from .refit import Fit, bounds
 from .weigh import Frame
 
 Array = NDArray[np.float64]
-#: degrees of freedom of the proposal, its widening, simulations of the first and the second round
-_DF, _WIDE, _FIRST, _SECOND = 4.0, 1.3, 40, 60
-#: effective draws below which the integral is not trusted
-_LEAST = 8.0
+#: degrees of freedom of the proposal, its widening, simulations of each round
+_DF, _WIDE, _ROUNDS = 4.0, 1.3, (40, 50, 70)
+#: effective draws below which the integral is not trusted, and below which the next round keeps what it has
+_LEAST, _LOST = 5.0, 2.0
 
 
 def integrated(fit: Fit, own: NDArray[np.int64], rng: np.random.Generator) -> tuple[float, float] | None:
@@ -28,17 +28,22 @@ def integrated(fit: Fit, own: NDArray[np.int64], rng: np.random.Generator) -> tu
     k = own.size
     frame = Frame(fit)
     covariance = fit.covariance
-    laplace_root = _root(covariance[np.ix_(own, own)])
-    if laplace_root is None:
-        return None
     low, high = bounds(fit.problem)
+    # where the recordings say nothing the box of the prior does: a step along the ridge must not leave it
+    box = 12.0 / (high[own] - low[own]) ** 2
+    scale = np.sqrt(np.maximum(np.diag(covariance)[own], 1e-300))
+    inner = np.linalg.pinv(covariance[np.ix_(own, own)] / np.outer(scale, scale), hermitian=True)
+    laplace_root = _root(np.linalg.inv(inner + np.diag(box * scale**2)) * np.outer(scale, scale))
+    own_root = _root(covariance[np.ix_(own, own)])
+    if laplace_root is None or own_root is None:
+        return None
     rest = np.setdiff1d(np.arange(fit.q.size), own)
     H_rest = frame.H[np.ix_(rest, rest)]
     along = -np.linalg.lstsq(H_rest, frame.H[np.ix_(rest, own)], rcond=1e-13)[0]
     here = _value(frame, fit, fit.q, rest, H_rest)
     centre, root = fit.q[own], _WIDE * laplace_root
     found: tuple[float, float] | None = None
-    for n in (_FIRST, _SECOND):
+    for n in _ROUNDS:
         theta, log_q = _student(centre, root, n, rng)
         inside = np.all((theta > low[own]) & (theta < high[own]), axis=1)
         log_w = np.full(n, -np.inf)
@@ -52,17 +57,17 @@ def integrated(fit: Fit, own: NDArray[np.int64], rng: np.random.Generator) -> tu
         w = np.exp(log_w - log_w.max())
         effective = float(w.sum() ** 2 / np.sum(w**2))
         log_ratio = float(logsumexp(log_w) - math.log(n))
-        normal = 0.5 * k * math.log(2 * math.pi) + float(np.sum(np.log(np.diag(laplace_root))))
+        normal = 0.5 * k * math.log(2 * math.pi) + float(np.sum(np.log(np.diag(own_root))))
         se = math.sqrt(max(1.0 / effective - 1.0 / n, 0.0))
         if effective >= _LEAST:
             found = fit.log_evidence + log_ratio - normal, max(se, 0.05)
-        # the second round where the first has found the weight
+        # the next round where this one has found the weight
         share = w / w.sum()
         mean = share @ theta
         spread = (share[:, None] * (theta - mean)).T @ (theta - mean)
         better = _root(spread + 0.05 * laplace_root @ laplace_root.T)
-        if better is None or effective < 4.0:
-            break
+        if better is None or effective < _LOST:
+            continue
         centre, root = mean, _WIDE * better
     return found
 

@@ -37,6 +37,8 @@ def as_timing(probability: dict[str, float], naming: Naming, step_s: float) -> S
         if _DELAY not in parts or name not in naming.weighed:
             continue
         fit = naming.weighed[name].fit
+        if all(x.name != _PARAMETER for x in fit.problem.model.priors.free):  # not refitted: it is far behind
+            continue
         centre, sd = _log_delay(fit)
         share = float(ndtr((math.log(step_s) - centre) / max(sd, 1e-9)))
         bare = "+".join(x for x in parts if x != _DELAY) or NONE

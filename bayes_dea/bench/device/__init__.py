@@ -1,0 +1,1 @@
+"""The virtual bench as a device on a serial line (CONTRACT 6)."""

@@ -1,0 +1,83 @@
+"""Answers of many draws to an experiment, in units of what the bench can tell apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign.schema import Recording
+from ..experiments.menu import Experiment
+from ..models.model import Model
+from ..models.nodes import make_nodes
+from ..models.plant import plant_of
+from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..prediction.simulators import simulator
+from .belief import Belief, Noise
+
+Array = NDArray[np.float64]
+#: the slack before contact, as a share of the stack height, and the step of its derivative
+_SLACK_SHARE, _SLACK_STEP = 0.02, 0.002
+
+
+def answers(model: Model, z: Array, recording: Recording, zero_m: float = 0.0) -> Array:
+    """Displacement (m) or force (N) of draws z (N, d) at the rows of a recording, (N, rows), without gain and noise.
+
+    A draw without an answer (no balance of forces) has nan.
+    """
+    if not model.spec.effects:
+        zero = None if recording.is_voltage else zero_m
+        return np.ascontiguousarray(simulator(model, z, recording, zero).rows(0, recording.n).T)
+    physical = model.physical(z)
+    out = np.empty((len(z), recording.n))
+    nodes = make_nodes(recording, every_row=True) if recording.is_voltage else None
+    for i in range(len(z)):
+        plant = plant_of(model, {k: float(v[i]) for k, v in physical.items()}, recording.actuator)
+        if nodes is not None:
+            out[i] = simulate_nodes(plant, nodes)
+        else:
+            out[i] = simulate_plates(plant, recording.time_s, recording.columns["position_m"], zero_m, 1)
+    return out
+
+
+def whitened(belief: Belief, experiment: Experiment, noise: Noise | None = None) -> Array:
+    """Answers (N, rows) with gains, such that readings of the experiment scatter around them with unit covariance.
+
+    The offset of the recording and the slack before contact are integrated out: they have a normal prior and act
+    linearly, so the noise's covariance becomes I + U U' and the answers are multiplied by its inverse root.
+    """
+    recording = experiment.recording
+    own = noise or belief.noise[experiment.channel]
+    keep = experiment.rows.readings > 0
+    y = answers(belief.model, belief.z, recording)[:, keep]
+    if own.position_sd > 0:
+        # the position is read with scatter, which the model would turn into force
+        middle = y[len(y) // 2]
+        travel = float(np.ptp(recording.columns["position_m"]))
+        stiffness = float(np.nanmax(np.abs(middle))) / travel if np.isfinite(middle).any() else 0.0
+        own = replace(own, sigma=math.hypot(own.sigma, own.position_sd * stiffness))
+    scale = 1.0 / own.sd_of(experiment.rows.readings[keep])
+    y = y * (1.0 + belief.gains[experiment.channel])[:, None] * scale
+    columns = [own.offset_sd * scale]
+    if experiment.channel == "force":
+        height = recording.actuator.stack_height_m or 0.0
+        middle = belief.z[[len(belief.z) // 2]]
+        moved = [answers(belief.model, middle, recording, s * _SLACK_STEP * height)[0, keep] for s in (1.0, -1.0)]
+        columns.append((moved[0] - moved[1]) * scale * (_SLACK_SHARE / (2 * _SLACK_STEP)))
+    return without(y, np.column_stack(columns))
+
+
+def without(y: Array, U: Array) -> Array:
+    """Rows of y (N, n) times (I + U U')^(-1/2), U (n, k): what the directions U could do as well is damped."""
+    good = np.linalg.norm(U, axis=0) > 0
+    if not good.any():
+        return y
+    Q, R = np.linalg.qr(U[:, good])
+    left, size, _ = np.linalg.svd(R)
+    V = Q @ left
+    return np.asarray(y - ((y @ V) * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ V.T)
+
+
+__all__ = ["answers", "whitened", "without"]

@@ -1,0 +1,1 @@
+"""The bench teaches the model while it runs: reading a serial line, sequential update, alarms, driving."""

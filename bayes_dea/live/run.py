@@ -1,0 +1,365 @@
+"""A live run: port in, files and posterior out."""
+
+from __future__ import annotations
+
+import hashlib
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..errors import InputError
+from ..models.model import Model, build_model
+from ..priors import Parameter, Prior
+from ..results import read_json, write_bytes, write_json
+from .driver import Driver, read_command
+from .journal import Journal
+from .learner import Learner, LearnerSettings, Session, Update
+from .reader import Batch, Reader
+from .sequential import SequentialSettings
+from .setup import Bench, check_model, read_bench, read_device
+from .summary import beliefs, posterior_bytes
+
+LIVE_FILE = "live.json"
+POSTERIOR_FILE = "posterior.nc"
+#: updates kept in live.json; beyond, every second one goes
+_MOST_UPDATES = 2000
+_WRITE_S = 5.0
+#: how long the end of the stream is waited for after the device was told to stop
+_TAIL_S = 2.0
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """duration_s: of the device's time, until the end of what is played or Ctrl-C where None; patience_s: for a port
+    that broke. zero: set the sensor to zero first. play, command: what is driven, at most one of them."""
+
+    duration_s: float | None = None
+    baud: int = 460_800
+    patience_s: float = 30.0
+    zero: bool = False
+    play: str | None = None
+    command: Path | None = None
+    device: Path | None = None
+    start: Path | None = None
+    learner: LearnerSettings = LearnerSettings()
+
+
+@dataclass
+class View:
+    """What is shown while it runs."""
+
+    samples: int = 0
+    bad_lines: int = 0
+    lost: int = 0
+    lag_s: float = 0.0
+    time_s: float = 0.0
+    connected: bool = True
+    recent: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 3)))
+    band: tuple[float, float, float] | None = None
+    updates: list[Update] = field(default_factory=list)
+    log_evidence: float = 0.0
+    alarms: list[dict[str, Any]] = field(default_factory=list)
+
+
+class _History:
+    """Updates, thinned so that hours fit."""
+
+    def __init__(self) -> None:
+        self.entries: list[Update] = []
+        self._carried = 0.0
+        self._stride = 1
+        self._count = 0
+        self.total = 0
+
+    def add(self, update: Update) -> None:
+        self.total += 1
+        self._count += 1
+        self._carried += update.log_evidence
+        if self._count < self._stride:
+            return
+        # the evidence of those left out is kept in the one that stands for them
+        self.entries.append(replace(update, log_evidence=self._carried, advance=None))
+        self._count, self._carried = 0, 0.0
+        if len(self.entries) > _MOST_UPDATES:
+            pairs = list(zip(self.entries[::2], self.entries[1::2], strict=False))
+            odd = self.entries[2 * len(pairs) :]
+            self.entries = [replace(b, log_evidence=a.log_evidence + b.log_evidence) for a, b in pairs] + odd
+            self._stride *= 2
+
+    def as_json(self) -> list[dict[str, Any]]:
+        return [{"time_s": u.time_s, "session": u.session, "samples": u.samples, "parameters": u.parameters,
+                 "incremental_log_evidence": u.log_evidence} for u in self.entries]
+
+
+def follow_bench(
+    port: str,
+    campaign: Path | str,
+    model: Model | str,
+    out: Path | str,
+    seed: int = 1,
+    settings: LiveSettings | None = None,
+    priors: Mapping[str, Parameter | Prior] | None = None,
+    resume: bool = False,
+    show: Callable[[View], None] | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """Follow a bench and update the posterior of `model` as samples come; returns what live.json holds.
+
+    port: anything that pyserial opens (a path, socket://HOST:PORT, loop://). campaign: campaign.toml or its folder, for
+    geometry, sensor and limits. out: folder for samples, live.json and posterior.nc. resume: go on with what is there.
+    show: called a few times a second. stop: asked a few times a second whether to end. Raises InputError for input
+    that is wrong, BayesDEAError where port or disk break; the voltage is ramped down first, and all is kept.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):  # products of a few hundred rows: a second thread costs more than it brings
+        return _follow(port, Path(campaign), model, Path(out), seed, settings or LiveSettings(), priors, resume, show,
+                       stop)
+
+
+def _follow(
+    port: str,
+    campaign: Path,
+    model: Model | str,
+    out: Path,
+    seed: int,
+    s: LiveSettings,
+    priors: Mapping[str, Parameter | Prior] | None,
+    resume: bool,
+    show: Callable[[View], None] | None,
+    stop: Callable[[], bool],
+) -> dict[str, Any]:
+    if s.play is not None and s.command is not None:
+        raise InputError("--play and --command: give one of them")
+    built = build_model(model, priors) if isinstance(model, str) else model
+    check_model(built)
+    bench = read_bench(campaign)
+    form = read_device(s.device)
+    command = read_command(s.command, bench.actuator) if s.command is not None else None
+    run = _Run(out, Learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
+    last = run.recover(resume)
+    warm_up(built, bench, s.learner)
+    reader = Reader(port, s.baud, form, run.journal, s.zero, s.patience_s, last)
+    driver = Driver(reader, bench.actuator, s.play, command)
+    reader.start()
+    began = time.perf_counter()
+    try:
+        driver.begin(s.zero)
+        run.follow(reader, driver, stop)
+        run.complete = True
+    finally:
+        driver.end()
+        run.tail(reader)
+        run.seconds["follow"] = time.perf_counter() - began
+        run.conclude(reader.lost.is_set())
+    return run.summary
+
+
+def warm_up(model: Model, bench: Bench, settings: LearnerSettings) -> None:
+    """Load what is compiled before the first sample comes: a posterior that is seconds behind helps nobody."""
+    learner = Learner(model, bench, 0, replace(settings, sequential=SequentialSettings(200), longest_s=60.0))
+    n = 900
+    rows = np.stack([0.01 * np.arange(n), np.where(np.arange(n) > 300, 100.0, 0.0), np.zeros(n)], axis=1)
+    rows[:, 2] = (bench.sensor.fluctuation or 1e-6) * np.random.default_rng(0).standard_normal(n)
+    learner.feed(Session(1), rows)
+    for _ in range(6):
+        learner.update()
+
+
+class _Run:
+    def __init__(self, out: Path, learner: Learner, journal: Journal, settings: LiveSettings, seed: int,
+                 campaign: Path, show: Callable[[View], None] | None) -> None:
+        self.out, self.learner, self.journal, self.settings, self.seed = out, learner, journal, settings, seed
+        self.campaign = campaign / "campaign.toml" if campaign.is_dir() else campaign
+        self.show = show
+        self.view = View()
+        self.history = _History()
+        self.alarms: list[dict[str, Any]] = []
+        self.lags: list[float] = []
+        self.arrivals: deque[tuple[int, float]] = deque()  # (samples up to here, arrived), of what is not learned
+        self.received = self.learned = 0
+        self.seconds: dict[str, float] = {}
+        self.summary: dict[str, Any] = {}
+        self.warnings: list[str] = []
+        self.complete = False
+        self._written = self._shown = time.monotonic()
+        self._first_s: tuple[int, float] | None = None
+        self._done_s = 0.0  # device's time of sessions of this run that are over
+        self._now: tuple[int, float] = (0, 0.0)
+        self._began = time.perf_counter()
+
+    # ------------------------------------------------------------ before
+    def recover(self, resume: bool) -> float | None:
+        """Learn again from what is on disk; the device's time at its end."""
+        began = time.perf_counter()
+        if (self.out / "campaign.toml").exists() and not (self.out / LIVE_FILE).exists() and not any(
+                self.out.glob("session_*.csv")):
+            raise InputError(f"--out {self.out}: holds a campaign; choose another folder")
+        if not resume and (self.out / LIVE_FILE).exists() and read_json(self.out / LIVE_FILE).get("complete"):
+            raise InputError(f"--out {self.out}: holds a finished live run; go on with it by --resume, or choose "
+                             "another folder")
+        last = None
+        for session, rows in self.journal.recover():
+            self.learner.feed(session, rows)
+            self.received += len(rows)
+            last = float(rows[-1, 0]) if len(rows) else -np.inf
+            while self.learner.ready():
+                self._learn()
+        self.seconds["replay"] = time.perf_counter() - began
+        return last
+
+    # ------------------------------------------------------------ while
+    def follow(self, reader: Reader, driver: Driver, stop: Callable[[], bool]) -> None:
+        """Until the end of what is played, the duration, or `stop`."""
+        while True:
+            self._drain(reader, driver, wait=True)
+            if reader.error is not None:
+                raise reader.error
+            if driver.error is not None:
+                raise driver.error
+            if self.learner.ready():
+                self._learn()
+            self._look(reader)
+            if stop() or (reader.ended.is_set() and self.settings.play) or driver.done.is_set():
+                return
+            if self.settings.duration_s is not None and self._elapsed() >= self.settings.duration_s:
+                return
+
+    def tail(self, reader: Reader) -> None:
+        """What still comes until the device is silent; then the port is closed."""
+        until = time.monotonic() + _TAIL_S
+        while reader.error is None and time.monotonic() < min(until, reader.sample_at + 0.3):
+            time.sleep(0.05)
+        reader.finish()
+        self._drain(reader, None, wait=False)
+
+    def _drain(self, reader: Reader, driver: Driver | None, wait: bool) -> None:
+        timeout = 0.02 if wait and not self.learner.ready() else 0.0
+        while True:
+            try:
+                batch = reader.batches.get(timeout=timeout) if timeout else reader.batches.get_nowait()
+            except queue.Empty:
+                return
+            timeout = 0.0
+            self._take(batch)
+            if driver is not None:
+                driver.watch(batch.rows[:, 1])
+
+    def _take(self, batch: Batch) -> None:
+        self.learner.feed(batch.session, batch.rows)
+        self.received += len(batch.rows)
+        self.arrivals.append((self.received, batch.arrived))
+        if self._first_s is None or self._first_s[0] != batch.session.number:
+            if self._first_s is not None:
+                self._done_s += self._now[1] - self._first_s[1]
+            self._first_s = (batch.session.number, float(batch.rows[0, 0]))
+        self._now = (batch.session.number, float(batch.rows[-1, 0]))
+        if self.show is not None:
+            self.view.recent = np.concatenate([self.view.recent, batch.rows])[-20_000:]
+
+    def _elapsed(self) -> float:
+        return self._done_s + (self._now[1] - self._first_s[1] if self._first_s is not None else 0.0)
+
+    def _learn(self, last: bool = False) -> bool:
+        update = self.learner.update(last)
+        if update is None:
+            return False
+        first = self.learned
+        self.learned = update.samples
+        while self.arrivals and self.arrivals[0][0] <= first:
+            self.arrivals.popleft()
+        if self.arrivals and self.arrivals[0][1] > 0 and self.learned > first:
+            self.lags.append(time.monotonic() - self.arrivals[0][1])
+            if len(self.lags) > 50_000:
+                self.lags = self.lags[::2]
+        self.history.add(update)
+        for alarm in update.alarms:
+            self.alarms.append({"time_s": alarm.time_s, "session": update.session, "what": alarm.what})
+        if self.show is not None:
+            self.view.updates = self.history.entries
+            self.view.band = self.learner.band()
+        return True
+
+    def _look(self, reader: Reader) -> None:
+        now = time.monotonic()
+        if self.show is not None and now - self._shown > 0.2:
+            self._shown = now
+            v = self.view
+            v.samples, v.bad_lines, v.lost = self.received, self.journal.bad_lines, self.learner.lost
+            v.lag_s = self.lags[-1] if self.lags else 0.0
+            v.time_s, v.connected = self._now[1], reader.connected
+            v.log_evidence, v.alarms = self.learner.log_evidence, self.alarms
+            self.show(v)
+        if now - self._written > _WRITE_S:
+            self._written = now
+            write_json(self.out / LIVE_FILE, self._summary({}, {}, False))
+
+    # ------------------------------------------------------------ after
+    def conclude(self, broke: bool) -> None:
+        """Learn from what is left, and write the results."""
+        began = time.perf_counter()
+        try:
+            self.journal.close()
+        finally:
+            while self.learner.ready() and self._learn():
+                pass
+            while self._learn(last=True):
+                pass
+            if broke:
+                self.warnings.append("The connection broke while the run lasted; what came in between is not there, "
+                                     "and nothing was put in its place.")
+            parameters, noise, draws, quantities = beliefs(self.learner)
+            if not parameters:
+                self.warnings.append("Too few samples came to learn from.")
+            self.seconds["results"] = time.perf_counter() - began
+            self.summary = self._summary(parameters, noise, self.complete)
+            write_json(self.out / LIVE_FILE, self.summary)
+            if parameters:
+                write_bytes(self.out / POSTERIOR_FILE,
+                            posterior_bytes(self.learner, draws, quantities, self.seed, __version__))
+
+    def _summary(self, parameters: dict[str, Any], noise: dict[str, Any], complete: bool) -> dict[str, Any]:
+        lag = np.array(self.lags) if self.lags else np.array([np.nan])
+        learner, block = self.learner, self.learner.block * self.learner.step_s
+        content = self.campaign.read_bytes()
+        if not parameters and self.history.entries:  # while it runs: means and sds do
+            units = learner.model.units()
+            parameters = {k: {**v, "unit": units[k]} for k, v in self.history.entries[-1].parameters.items()
+                          if k in units}
+        return {
+            "model": learner.model.name,
+            "campaign": learner.bench.name,
+            "samples": self.received,
+            "learned_samples": learner.samples,
+            "lost_samples": learner.lost,
+            "bad_lines": self.journal.bad_lines,
+            "masked_samples": learner.masked,
+            "lag_s": {"median": float(np.median(lag)), "p99": float(np.quantile(lag, 0.99)), "max": float(lag.max())},
+            "updates": self.history.as_json(),
+            "update_count": self.history.total,
+            "alarms": self.alarms,
+            "false_alarms_per_hour": learner.settings.monitor.false_alarms_per_hour(block) if block else None,
+            "parameters": parameters,
+            "noise": noise,
+            "log_evidence": learner.log_evidence,
+            "prior": learner.start.words if learner.start is not None else None,
+            "sessions": [{"file": self.journal.path(s.number).name, "zeroed": s.zeroed, "elapsed_s": s.elapsed_s}
+                         for s in self.journal.sessions],
+            "sample_time_s": learner.step_s or None,
+            "complete": complete,
+            "seconds": time.perf_counter() - self._began,
+            "seconds_by": dict(self.seconds),
+            "seed": self.seed,
+            "version": __version__,
+            "inputs": [{"file": self.campaign.name, "size": len(content),
+                        "sha256": hashlib.sha256(content).hexdigest()}],
+            "warnings": list(self.warnings),
+        }

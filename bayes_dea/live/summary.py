@@ -1,0 +1,76 @@
+"""live.json (CONTRACT 5) and posterior.nc of a live run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .learner import Learner
+
+Array = NDArray[np.float64]
+
+
+def _statistics(values: Array, prior: Array | None, positive: bool) -> dict[str, Any]:
+    q = np.quantile(values, [0.05, 0.5, 0.95])
+    contraction = None
+    if prior is not None:
+        a, b = (np.log(values), np.log(prior)) if positive else (values, prior)
+        contraction = float(1 - np.var(a) / np.var(b))
+    return {"mean": float(values.mean()), "sd": float(values.std()), "q05": float(q[0]), "q50": float(q[1]),
+            "q95": float(q[2]), "contraction": contraction}
+
+
+def beliefs(learner: Learner) -> tuple[dict[str, Any], dict[str, Any], Array, Mapping[str, Array]]:
+    """`parameters` and `noise` as in calibration.json, the draws (n, d) behind them, and their quantities (n,)."""
+    if learner.particles is None or learner.posterior is None or not learner.samples:
+        return {}, {}, np.empty((0, 0)), {}
+    draws = learner.settled()
+    best = int(np.argmax(learner.posterior.log_prob(draws)))
+    quantities = learner.quantities(draws)
+    units = learner.model.units()
+    prior = learner.prior_quantities
+    effective = float(len(draws))
+    parameters: dict[str, Any] = {}
+    noise: dict[str, Any] = {}
+    for name, v in quantities.items():
+        before = prior.get(name)
+        positive = bool(before is not None and np.all(v > 0) and np.all(before > 0))
+        unit = units.get(name) or ("m" if name.startswith("sigma_") else "1")
+        entry = {**_statistics(v, before, positive), "unit": unit, "map": float(v[best]), "rhat": None,
+                 "ess_bulk": effective, "ess_tail": effective}
+        (parameters if name in units else noise)[name] = entry
+    return parameters, noise, draws, quantities
+
+
+def posterior_bytes(learner: Learner, draws: Array, quantities: Mapping[str, Array], seed: int, version: str) -> bytes:
+    """posterior.nc: reported quantities and coordinates of inference, as a calibration leaves them."""
+    import xarray as xr
+
+    from ..fit.diagnostics import arviz
+    from ..store import netcdf_bytes
+
+    assert learner.posterior is not None
+    data = xr.Dataset(
+        {name: (("chain", "draw"), v[None]) for name, v in quantities.items()}
+        | {"coordinates": (("chain", "draw", "coordinate"), draws[None])},
+        coords={"chain": [0], "draw": np.arange(len(draws)), "coordinate": list(learner.posterior.names)},
+    ).assign_attrs({"model": learner.model.name, "seed": seed, "version": version})
+    return netcdf_bytes(arviz().InferenceData(posterior=data))
+
+
+def words(summary: Mapping[str, Any]) -> str:
+    """What is printed at the end."""
+    lag = summary["lag_s"]
+    lines = [f"{summary['model']}: {summary['samples']} samples, {summary['lost_samples']} lost, "
+             f"{summary['bad_lines']} bad lines; posterior behind by "
+             f"{lag['median']:.2f} s (99 %: {lag['p99']:.2f} s)" if lag["median"] is not None else
+             f"{summary['model']}: {summary['samples']} samples, {summary['bad_lines']} bad lines", ""]
+    for name, p in summary["parameters"].items():
+        lines.append(f"  {name:24s} {p['mean']:12.5g} +- {p['sd']:.2g} {p['unit']}")
+    for alarm in summary["alarms"]:
+        lines.append(f"  ALARM at {alarm['time_s']:.2f} s: {alarm['what']}")
+    lines += [f"  {w}" for w in summary["warnings"]]
+    return "\n".join(lines)

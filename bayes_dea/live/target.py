@@ -1,0 +1,102 @@
+"""The posterior of a stream: that of `calibrate` on the same samples, with the sums of the stream put in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign.schema import Recording
+from ..errors import InputError
+from ..fit.mixture import fit_mixture
+from ..likelihood.basis import LagBasis
+from ..likelihood.gram import RecordGram
+from ..likelihood.linear_group import LinearGroup
+from ..likelihood.posterior import ChannelNoise, Posterior
+from ..likelihood.prepare import Prepared, RateClasses
+from ..models.model import Model
+from ..noise.stated import noise_terms
+from .setup import Bench
+
+Array = NDArray[np.float64]
+
+
+def empty_posterior(model: Model, bench: Bench, step_s: float, basis: LagBasis) -> Posterior:
+    """Posterior before the first sample. The noise is that of CONTRACT 1's statements, as in a calibration."""
+    terms = noise_terms(bench.sensor, False, 1.0)
+    channel = ChannelNoise("displacement", "m", terms.sigma_median, terms.sigma_log_sd, RateClasses((step_s,)),
+                           terms.sigma_median, (0.0,))
+    group = LinearGroup("displacement", "A", (), (), basis, {}, 0.0, terms.quantisation_variance)
+    return Posterior(model, (group,), (channel,), ())
+
+
+def with_sums(posterior: Posterior, grams: Mapping[str, RecordGram], bench: Bench, largest_m: float) -> Posterior:
+    """The posterior given sums by session. largest_m: span of the signal so far, which scales the sensor's gain."""
+    group = posterior.groups[0]
+    assert isinstance(group, LinearGroup)
+    fitted = tuple(_named(name, bench) for name in grams)
+    gain = noise_terms(bench.sensor, False, largest_m).gain_sd
+    return replace(posterior, groups=(replace(group, fitted=fitted, grams=dict(grams), gain_sd=gain),))
+
+
+def _named(name: str, bench: Bench) -> Prepared:
+    none = np.zeros(0)
+    recording = Recording(name, Path(name), "voltage", "identify", MappingProxyType({"time_s": none}), bench.actuator)
+    return Prepared(recording, "displacement", bench.sensor, none, np.zeros(0, dtype=bool), 0, None, 0.0, 0.0)
+
+
+def offset_sd(bench: Bench, zeroed: bool) -> float:
+    """Prior sd of a session's offset in m. Without a stated accuracy it is nearly free: a third of a millimetre."""
+    return noise_terms(bench.sensor, zeroed, 1e-3).offset_sd
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the particles begin: draws (n, d) of the prior, and its log density."""
+
+    draws: Callable[[int, np.random.Generator], Array] = field(repr=False)
+    log_prior: Callable[[Array], Array] = field(repr=False)
+    words: str
+
+
+def start_from_prior(posterior: Posterior) -> Start:
+    """The model's own prior."""
+    return Start(posterior.prior_draws, posterior.log_prior, "the prior")
+
+
+def start_from_posterior(posterior: Posterior, folder: Path) -> Start:
+    """The posterior of an earlier calibration as prior of the model's parameters; the noise begins anew.
+
+    Its density is a mixture of normals fitted to the draws in the coordinates of inference. Raises InputError where the
+    folder holds no posterior of the same model.
+    """
+    from ..store import load_posterior
+
+    folder = folder.parent if folder.suffix == ".nc" else folder
+    stored = load_posterior(folder).posterior
+    names = [str(n) for n in stored["coordinate"].values]
+    own = posterior.model.coordinate_names
+    missing = [n for n in own if n not in names]
+    if missing:
+        raise InputError(f"--from {folder}: its posterior is of {stored.attrs.get('model', 'another model')} and has "
+                         f"no {missing[0]}; start from a calibration of {posterior.model.name}")
+    values = np.asarray(stored["coordinates"].values, float)
+    flat = values.reshape(-1, values.shape[-1])[:, [names.index(n) for n in own]]
+    rng = np.random.default_rng(0)
+    mixture = fit_mixture(flat, rng)
+    d = posterior.model.dimension
+
+    def log_prior(q: Array) -> Array:
+        noise = posterior.log_prior(q) - posterior.model.log_prior(q[:, :d])
+        return np.where(np.isfinite(noise), mixture.log_density(q[:, :d]) + noise, -np.inf)
+
+    def draws(n: int, rng: np.random.Generator) -> Array:
+        out = posterior.prior_draws(n, rng)
+        out[:, :d] = mixture.draw(n, rng)
+        return out
+
+    return Start(draws, log_prior, f"the posterior in {folder}")

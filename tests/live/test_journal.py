@@ -1,0 +1,118 @@
+"""What is on disk: whole lines, in order, a campaign at any moment."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from stream import TOML
+
+from bayes_dea.campaign import load_campaign
+from bayes_dea.errors import BayesDEAError, InputError
+from bayes_dea.live.journal import BAD_FILE, HEADER, Journal, set_aside
+from bayes_dea.live.setup import read_bench
+
+ROWS = [(0.001 * i, 100.0 * (i > 3), 1e-6 * i + 1e-9 / 3) for i in range(1, 60)]
+OTHERS = [(t, v, y + 1e-6) for t, v, y in ROWS]
+
+
+@pytest.fixture
+def bench(tmp_path):
+    (tmp_path / "campaign.toml").write_text(TOML)
+    return read_bench(tmp_path)
+
+
+def test_rows_come_back_to_the_last_bit_and_are_a_campaign(bench, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    first = Journal(out, bench)
+    first.begin(True, 0.0)
+    first.append(ROWS[:30])
+    first.append(ROWS[30:])
+    first.reject(b"\x00half", "cut")
+    first.begin(False, 2.5)
+    first.append(OTHERS)
+    first.close()
+    again = Journal(out, bench)
+    (one, rows), (two, more) = again.recover()
+    assert (one.number, one.zeroed) == (1, True)
+    assert (two.number, two.zeroed, two.elapsed_s) == (2, False, 2.5)
+    assert np.array_equal(rows, np.array(ROWS))
+    assert np.array_equal(more, np.array(OTHERS))
+    assert again.bad_lines == 1
+    campaign = load_campaign(out)
+    assert [r.name for r in campaign.recordings] == ["session_1.csv", "session_2.csv"]
+    assert campaign.recordings[0].zeroed
+    assert not campaign.recordings[1].rested
+    assert np.array_equal(campaign.recordings[1].columns["displacement_m"], np.array(OTHERS)[:, 2])
+
+
+@pytest.mark.parametrize("left", [b"0.09,10", b"0.09,100.0,1e-", HEADER[:7]])
+def test_what_a_kill_has_cut_is_taken_off(bench, tmp_path, left):
+    out = tmp_path / "out"
+    out.mkdir()
+    first = Journal(out, bench)
+    first.begin(False, 0.0)
+    whole = left != HEADER[:7]
+    if whole:
+        first.append(ROWS)
+    first.close()
+    with (out / "session_1.csv").open("ab" if whole else "wb") as file:
+        file.write(left)
+    again = Journal(out, bench)
+    ((_, rows),) = again.recover()
+    assert len(rows) == (len(ROWS) if whole else 0)
+    again.append([(1.0, 2.0, 3.0)])
+    again.close()
+    text = (out / "session_1.csv").read_bytes()
+    assert text.startswith(HEADER)
+    assert text.endswith(b"\n1.0,2.0,3.0\n")
+
+
+def test_rows_are_there_before_append_returns(bench, tmp_path):
+    journal = Journal(tmp_path, bench)
+    journal.bench.document.pop("recording", None)
+    journal.begin(False, 0.0)
+    journal.append(ROWS[:1])
+    assert (tmp_path / "session_1.csv").read_bytes().count(b"\n") == 2
+    journal.close()
+
+
+def test_a_full_disk_is_said(bench, tmp_path):
+    journal = Journal(tmp_path, bench)
+    journal.begin(False, 0.0)
+    journal._file.close()
+    journal._file = open("/dev/full", "wb", buffering=0)  # noqa: SIM115
+    with pytest.raises(BayesDEAError, match=r"cannot be written.*--resume"):
+        journal.append(ROWS)
+
+
+def test_a_folder_of_something_else_is_left_alone(bench, tmp_path):
+    (tmp_path / "campaign.toml").write_text(TOML + '[[recording]]\nfile = "creep.csv"\nkind = "creep"\n')
+    with pytest.raises(InputError, match="not the campaign of a live run"):
+        Journal(tmp_path, bench).recover()
+
+
+def test_idle_time_is_that_since_the_last_sample(bench, tmp_path):
+    journal = Journal(tmp_path, bench)
+    assert journal.idle_s() == 0.0
+    journal.begin(False, 0.0)
+    journal.append(ROWS)
+    past = time.time() - 100
+    os.utime(tmp_path / "session_1.csv", (past, past))
+    assert journal.idle_s() == pytest.approx(100, abs=5)
+    assert not (tmp_path / BAD_FILE).exists()
+    journal.close()
+
+
+def test_a_run_begun_anew_deletes_no_measurement(bench, tmp_path):
+    out = tmp_path / "out"
+    assert set_aside(out) is None
+    for number in (1, 2):
+        journal = Journal(out, bench)
+        journal.begin(False, 0.0)
+        journal.append(ROWS)
+        journal.close()
+        assert set_aside(out) == out / f"before_{number}"
+        assert not (out / "campaign.toml").exists()
+        assert load_campaign(out / f"before_{number}").recordings[0].n == len(ROWS)
