@@ -19,9 +19,9 @@ NAMES = (*_SHARES, *_MOMENTS, "drift")
 class LineFaults:
     """Shares of lines with a flipped byte (`garble`), a lost end (`cut`), a wrong checksum, a laser drop-out.
 
-    At a moment in s of the device's time since the first START, each with a size: `reset` and how long the device is dead (s), `stall`
-    (s), `unplug` (s of the world's clock), `stiffness` (a factor from then on), `delay` of the readings from then on
-    (s). `drift`: relative error of the device's clock.
+    At a moment in s of the device's time since the first START, each with a size: `reset` and how long the device is
+    dead (s), `stall` (s), `unplug` (s of the world's clock), `stiffness` (a factor from then on), `delay` of the
+    readings from then on (s). `drift`: relative error of the device's clock.
     """
 
     garble: float = 0.0
