@@ -94,7 +94,7 @@ def _sampled(
         metric = metric_at(posterior, found.x, found.hessian, r_start)
         first = first_walkers(found, posterior, s, r_start)
         adapted = adapt(
-            posterior.log_prob, first, r_start, metric=metric, report=lambda *at: say("learning a proposal", *at)
+            posterior.log_prob, first, r_start, s.adapt, metric, lambda *at: say("learning a proposal", *at)
         )
         start, proposal = adapted.walkers, adapted.proposal
         density, back = posterior.log_prob, _same
@@ -150,7 +150,7 @@ def _sampled(
             if last or result.converged or result.steps < _LEARNING_STEPS[k]:
                 break
             # a branch that the short runs had not found: what this run has seen of it goes into the proposal
-            start, proposal = result.unthinned[0][:, -1].copy(), learned(result, r_learn) or proposal
+            start, proposal = result.unthinned[0][:, -1].copy(), learned(result, r_learn, s.adapt) or proposal
     lap("sample")
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .find_map import MapSettings
+from .fit.adapt import AdaptSettings
 from .fit.ensemble import EnsembleSettings
 
 
@@ -23,3 +24,4 @@ class CalibrationSettings:
     workers: int = 1
     map: MapSettings = MapSettings()
     sampler: EnsembleSettings = EnsembleSettings()
+    adapt: AdaptSettings = AdaptSettings()

@@ -12,6 +12,7 @@ import pytest
 from bayes_dea.calibration import CalibrationSettings
 from bayes_dea.checks.sbc import ecdf_inside
 from bayes_dea.find_map import MapSettings
+from bayes_dea.fit.adapt import AdaptSettings
 from bayes_dea.fit.ensemble import EnsembleSettings
 
 sys.path.insert(0, str(Path(__file__).resolve().parent / "trust"))
@@ -21,7 +22,8 @@ KEEP = 49
 #: chance that a correct pipeline fails, should its random numbers change: over all quantities together
 FALSE_ALARM = 1e-3
 SHORT = Design(on_s=5.0, off_s=4.0, hold_s=30.0, wave_s=4.0)
-QUICK = CalibrationSettings(walkers=48, map=MapSettings(swarms=2), sampler=EnsembleSettings(max_steps=300))
+QUICK = CalibrationSettings(walkers=48, map=MapSettings(swarms=2), sampler=EnsembleSettings(max_steps=300),
+                            adapt=AdaptSettings(rounds=1, steps=100, components=(1, 4)))
 
 
 def _run(n: int, seed: int, wrong: Wrong | None = None) -> list[Replicate]:
