@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..experiments.costs import COSTS_FILE, costs_toml
+from ..experiments.words import settings_in_words
 from ..prediction.result import write_table
 from ..results import write_json, write_text
 from .propose import Proposals
@@ -40,13 +41,13 @@ def terminal_summary(summary: dict[str, Any], rows: int = 12) -> str:
     lines = textwrap.wrap(summary["statement"], 78)
     lines += ["", f"{'experiment':<44} {'nats':>13} {'minutes':>8} {'nats/h':>9}"]
     for e in of_patterns(summary["ranking"], rows):
-        lines.append(f"{_short(e['experiment'])[:44]:<44} {_nats(e):>13} {e['cost_s'] / 60:>8.1f} "
+        lines.append(f"{_line(e['experiment'])[:44]:<44} {_nats(e):>13} {e['cost_s'] / 60:>8.1f} "
                      f"{e['gain_per_hour']:>9.3g}")
     lines.append(f"(the best two of each kind, of {len(summary['ranking'])} experiments)")
     plan = summary["plan"]["experiments"]
     if len(plan) > 1:
         lines += ["", "Plan:"]
-        lines += [f"{i}. {_short(e['experiment'])[:60]:<60} {_nats(e):>13}" for i, e in enumerate(plan, 1)]
+        lines += [f"{i}. {_line(e['experiment'])[:60]:<60} {_nats(e):>13}" for i, e in enumerate(plan, 1)]
     for warning in summary["warnings"]:
         lines += textwrap.wrap(f"Warning: {warning}", 78, subsequent_indent="  ")
     return "\n".join(lines)
@@ -68,14 +69,5 @@ def _nats(e: dict[str, Any]) -> str:
     return f"{e['expected_information_gain_nats']:.2f} +- {e['se']:.2f}"
 
 
-def _short(e: dict[str, Any]) -> str:
-    parts = [str(e.get("pattern", e["kind"]))]
-    if "frequency_Hz" in e:
-        parts.append(f"{e['frequency_Hz']:.3g} Hz")
-    if "amplitude_V" in e:
-        parts.append(f"{e['voltage_V']:.4g}+-{e['amplitude_V']:.3g} V")
-    elif "voltage_V" in e:
-        parts.append(f"{e['voltage_V']:.4g} V")
-    if "amplitude_m" in e:
-        parts.append(f"{1e3 * e['amplitude_m']:.3g} mm")
-    return " ".join([*parts, f"{e['duration_s']:.4g} s"])
+def _line(e: dict[str, Any]) -> str:
+    return f"{e.get('pattern', e['kind'])} {settings_in_words(e, brief=True, plus_minus='+-')}"

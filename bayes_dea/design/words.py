@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..experiments.menu import Experiment
+from ..experiments.words import duration
 
 
 def described(e: Experiment) -> str:
@@ -28,13 +29,6 @@ def described(e: Experiment) -> str:
     small = "small " if s["amplitude_V"] < 0.25 * s["voltage_V"] else ""
     return (f"a {small}{e.pattern} of {s['amplitude_V']:.4g} V around {s['voltage_V']:.4g} V at "
             f"{s['frequency_Hz']:.3g} Hz for {length}")
-
-
-def duration(seconds: float) -> str:
-    """`42 s`, `17 min`, `2.5 h`."""
-    if seconds < 120:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
 def why_parameters(widths: Mapping[str, float]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.errors import InputError
-from bayes_dea.fit.ensemble import EnsembleResult, EnsembleSettings, sample
+from bayes_dea.fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
 from bayes_dea.fit.mixture import Mixture, fit_mixture, joined
 
 Array = NDArray[np.float64]
@@ -64,10 +64,9 @@ def adapt(
     walkers = start
     for i in range(s.rounds):
 
-        def at(p: object, done: float = float(i)) -> None:
+        def at(p: Progress, done: float = float(i)) -> None:
             if report is not None:
-                step = int(getattr(p, "step", 0))
-                report(done + step / s.steps, s.rounds, f"short run {int(done) + 1}")
+                report(done + p.step / s.steps, s.rounds, f"short run {int(done) + 1}")
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

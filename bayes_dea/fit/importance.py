@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from bayes_dea.errors import InputError
 from bayes_dea.fit.diagnostics import arviz
+from bayes_dea.fit.reweigh import LARGEST_K, systematic
 
 Array = NDArray[np.float64]
-K_HAT_LIMIT = 0.7
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class ImportanceResult:
     @property
     def reliable(self) -> bool:
         """k-hat below 0.7."""
-        return self.k_hat < K_HAT_LIMIT
+        return self.k_hat < LARGEST_K
 
 
 def importance_resample(
@@ -61,9 +61,7 @@ def importance_resample(
     log_weights = np.full(len(raw), -np.inf)
     log_weights[alive] = smooth - logsumexp(smooth)
     weights = np.exp(log_weights)
-    edges = np.cumsum(weights)
-    index = np.searchsorted(edges / edges[-1], (np.arange(n) + rng.random()) / n, side="right")
-    index = rng.permutation(np.minimum(index, len(raw) - 1))
+    index = rng.permutation(systematic(weights, n, rng))
     return ImportanceResult(
         log_weights, float(k), float(1.0 / np.sum(weights**2)), float(logsumexp(raw) - np.log(len(raw))),
         draws[index], index,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..experiments.words import duration, settings_in_words
 from ..results import read_json, write_atomic
 from .style import BAR, BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
 
@@ -59,7 +60,7 @@ def write_next_page(folder: Path) -> Path:
         rows=[_row(e) for e in _for_table(ranking)],
         plan=[_row(e) for e in planned],
         total=f"{s['plan']['expected_information_gain_nats']:.2f}",
-        hours=_hours(s["plan"]["cost_s"]),
+        hours=duration(s["plan"]["cost_s"]),
         costs=[(k, f"{v:g}") for k, v in s["costs"].items()],
         command=shlex.join(s.get("command", [])) or None,
         subject=_subject(s),
@@ -102,58 +103,13 @@ def _for_table(ranking: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return chosen[:_TABLE]
 
 
-def _hours(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
-
-
-def _settings(e: dict[str, Any]) -> str:
-    x = e["experiment"]
-    parts = []
-    if "frequency_Hz" in x:
-        parts.append(f"{x['frequency_Hz']:.3g} Hz")
-    if "end_frequency_Hz" in x:
-        parts[-1] += f" to {x['end_frequency_Hz']:.3g} Hz"
-    if "amplitude_V" in x:
-        parts.append(f"{x['voltage_V']:.4g} ± {x['amplitude_V']:.3g} V")
-    elif "voltage_V" in x:
-        parts.append(f"{x['voltage_V']:.4g} V")
-    if "high_V" in x:
-        parts.append(f"after {x['high_V']:.4g} V")
-    if "amplitude_m" in x:
-        parts.append(f"{1e3 * x['amplitude_m']:.3g} mm")
-    if "hold_s" in x:
-        parts.append(f"{x['hold_s']:.3g} s each")
-    return ", ".join([*parts, _length(x["duration_s"])])
-
-
-def _brief(e: dict[str, Any]) -> str:
-    """Settings in as few letters as a picture has room for."""
-    x = e["experiment"]
-    parts = []
-    if "frequency_Hz" in x and "end_frequency_Hz" not in x:
-        parts.append(f"{x['frequency_Hz']:.2g} Hz")
-    if "amplitude_V" in x:
-        parts.append(f"{x['voltage_V']:.0f} ± {x['amplitude_V']:.3g} V")
-    elif "voltage_V" in x:
-        parts.append(f"{x['voltage_V']:.4g} V")
-    if "amplitude_m" in x:
-        parts.append(f"{1e3 * x['amplitude_m']:.2g} mm")
-    return ", ".join([*parts, _length(x["duration_s"])])
-
-
-def _length(seconds: float) -> str:
-    return f"{seconds:.3g} s" if seconds < 120 else _hours(seconds)
-
-
 def _row(e: dict[str, Any]) -> dict[str, str]:
     return {
         "pattern": _pattern(e),
-        "settings": _settings(e),
+        "settings": settings_in_words(e["experiment"]),
         "nats": f"{e['expected_information_gain_nats']:.2f} ± {max(e['se'], 0.005):.2f}",
-        "cost": _hours(e["cost_s"]),
-        "split": " + ".join(_length(e["cost"][k]) for k in ("setup_s", "recording_s", "rest_s")),
+        "cost": duration(e["cost_s"]),
+        "split": " + ".join(duration(e["cost"][k]) for k in ("setup_s", "recording_s", "rest_s")),
         "rate": f"{e['gain_per_hour']:.3g}",
         "why": e["why"],
         "file": e["file"] or "",
@@ -173,7 +129,8 @@ def _ranking(rows: list[dict[str, Any]]) -> Picture:
         ax.hlines(y, np.maximum(value - 2 * error, 0), value + 2 * error, color=colour, linewidth=1.4)
         ax.plot(value, y, "o", color=colour, markersize=4)
         ax.set_xlim(0, None)
-    left.set_yticks(y, [f"{name} {_brief(e)}" for name, e in zip(short, rows, strict=True)])
+    settings = [settings_in_words(e["experiment"], brief=True) for e in rows]
+    left.set_yticks(y, [f"{name} {text}" for name, text in zip(short, settings, strict=True)])
     left.set_ylim(-0.7, len(rows) - 0.3)
     left.set_xlabel("nats an hour")
     right.set_xlabel("nats")
@@ -235,7 +192,7 @@ def _play(command: tuple[str, np.ndarray], first: dict[str, Any]) -> Picture:
     figure.tight_layout()
     return picture(
         figure,
-        f"The command of the first proposal: {_pattern(first)}, {_settings(first)}.",
+        f"The command of the first proposal: {_pattern(first)}, {settings_in_words(first['experiment'])}.",
         "command of the first proposal over time",
     )
 
