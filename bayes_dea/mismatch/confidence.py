@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -22,7 +23,11 @@ def _map() -> tuple[tuple[float, ...], tuple[float, ...]]:
     return tuple(map(float, table["raw"])), tuple(map(float, table["confidence"]))
 
 
-def calibrated(raw: float) -> float:
-    """Confidence of a verdict from its raw probability."""
+def confidence_of(raw: float, members: Sequence[str]) -> float:
+    """Confidence of a verdict from its raw probability and the explanations that cannot be told apart.
+
+    Where there is more than one of these, it is never above the probability itself (CONTRACT 4).
+    """
     x, y = _map()
-    return float(np.clip(np.interp(raw, x, y), 0.0, 1.0))
+    confidence = float(np.clip(np.interp(raw, x, y), 0.0, 1.0))
+    return min(confidence, raw) if len(members) > 1 else confidence

@@ -25,7 +25,7 @@ from .locate import scan
 from .name import ADEQUATE, NONE, UNKNOWN, Explanation, Naming, name_physics
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
-from .prove import HeldOut, held_out
+from .prove import HeldOut, held_out, unanswered
 from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, odd_one_out, other_holds
@@ -197,7 +197,7 @@ def diagnose(
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
         ask = first_experiment(base, base.problem.pieces[0].recording.actuator)
     lap("ask")
-    notes = [*seen.notes]
+    notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
     if verdict in delays:
         notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:

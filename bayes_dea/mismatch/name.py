@@ -366,6 +366,13 @@ def _singles(
     return found
 
 
+def _law_of(w: Weighed) -> dict[str, Prior]:
+    """Priors of the law that a weighed effect was given, where that is not the plain one."""
+    free = w.fit.problem.model.priors.names
+    laws = [VARIANTS[name] for name in w.effects if name in VARIANTS]
+    return {p: prior for law in laws if all(p in free for p in law) for p, prior in law.items()}
+
+
 def _beside(
     best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
     rng: np.random.Generator,
@@ -375,6 +382,7 @@ def _beside(
     found = []
     rest = [n for n in names if n not in best.effects]
     order = list(registered_effects())
+    overrides = {**overrides, **_law_of(best)}
     for k, name in enumerate(rest):
         effects = tuple(sorted((*best.effects, name), key=order.index))
         say("weighing pairs", k, len(rest), "+".join(effects))

@@ -31,7 +31,7 @@ def picture_data(result: Diagnosis) -> dict[str, Array]:
     out.update(_edge_map(result, before.raw))
     out.update(_harmonics(result, before.raw))
     if result.proof:
-        worst = max(result.proof, key=lambda h: (h.rmse_before / h.noise, h.recording))
+        worst = max(result.proof, key=lambda h: (h.answered, h.rmse_before / h.noise, h.recording))
         keep = np.unique(np.linspace(0, worst.time_s.size - 1, min(worst.time_s.size, _MOST_POINTS)).astype(int))
         out["worst_name"] = np.array(worst.recording)
         out["worst_force"] = np.array(worst.channel == "force")

@@ -18,7 +18,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class HeldOut:
-    """One held-out recording: RMSE over its samples after its own offset, gain and mains, and log densities."""
+    """One held-out recording: RMSE over its samples after its own offset, gain and mains, and log densities.
+
+    A fit that has no answer on it (beyond what it was fitted to, the equations of an effect may have none) has a
+    RMSE of nan and a log density of -inf there.
+    """
 
     recording: str
     channel: str
@@ -28,6 +32,7 @@ class HeldOut:
     noise: float
     elpd_before: float
     elpd_after: float
+    answered: bool  # by both fits
     before: Array  # (nb,) residual block means
     after: Array
     time_s: Array
@@ -46,26 +51,40 @@ def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float 
         scored = []
         for fit, x, m, end in zip((before, after), rows, means, (math.inf, limit_m), strict=True):
             end = end if piece.channel == "displacement" else math.inf
-            rest = own_offset_and_gain(piece, x[i], end)
-            scored.append((rest, _log_density(fit, piece, _cut(piece, x[i], m[i], end))))
+            if not (np.isfinite(x[i]).all() and np.isfinite(m[i]).all()):
+                scored.append((np.full(x[i].shape, np.nan), -math.inf))
+                continue
+            scored.append((own_offset_and_gain(piece, x[i], end), _log_density(fit, piece, _cut(piece, x[i], m[i], end))))
         (r0, e0), (r1, e1) = scored
         masked = ~piece.prepared.observed
         out.append(
             HeldOut(
                 piece.name,
                 piece.channel,
-                int(np.isfinite(r1).sum()),
+                int(np.sum(~masked)),
                 _rms(r0),
                 _rms(r1),
                 after.noise.of(piece)[0],
                 e0,
                 e1,
+                math.isfinite(e0) and math.isfinite(e1),
                 block_means(np.where(masked, 0.0, r0), piece.blocks, masked),
                 block_means(np.where(masked, 0.0, r1), piece.blocks, masked),
                 piece.blocks.time_s,
             )
         )
     return out
+
+
+def unanswered(proof: list[HeldOut], model: str) -> list[str]:
+    """Warnings of recordings on which the corrected model has no answer."""
+    names = [h.recording for h in proof if not h.answered]
+    if not names:
+        return []
+    return [
+        f"{model} has no answer on {', '.join(names)}, recordings it was not fitted to: the correction cannot be right "
+        "there; fit a recording as high in voltage or load as these"
+    ]
 
 
 def own_offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> Array:
@@ -79,8 +98,13 @@ def own_offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> Ar
 
 
 def offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> tuple[Array, tuple[float, float]]:
-    """Expected readings (n,) with the recording's own gain, offset and mains by least squares; (gain, offset)."""
+    """Expected readings (n,) with the recording's own gain, offset and mains by least squares; (gain, offset).
+
+    nan where the model has no finite answer.
+    """
     p = piece.prepared
+    if not np.isfinite(x).all():
+        return np.full(x.shape, np.nan), (math.nan, math.nan)
     A = np.concatenate([x[:, None], p.nuisance()], axis=1)
     scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
     A = A / scale
@@ -107,7 +131,7 @@ def _cut(piece: Piece, x: Array, means: Array, limit_m: float) -> Array:
 
 
 def _rms(residual: Array) -> float:
-    return math.sqrt(float(np.nanmean(residual**2)))
+    return math.sqrt(float(np.nanmean(residual**2))) if np.isfinite(residual).any() else math.nan
 
 
 def _log_density(fit: Fit, piece: Piece, x: Array) -> float:

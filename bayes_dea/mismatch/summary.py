@@ -12,7 +12,7 @@ from ..assemble import Assembled
 from ..campaign.schema import Campaign
 from ..models.model import Model
 from .clipped import Limit
-from .confidence import calibrated
+from .confidence import confidence_of
 from .features import Features
 from .locate import excess_by, where
 from .name import MAINS, NONE, UNKNOWN, VARIANTS, Naming, extended
@@ -43,7 +43,7 @@ def summarise(
 ) -> dict[str, Any]:
     none = naming.none
     detected = none.scan.detected
-    confidence = calibrated(p[verdict])
+    confidence = confidence_of(p[verdict], members)
     hypotheses = []
     for name in sorted(p, key=lambda k: -p[k]):
         entry: dict[str, Any] = {
@@ -217,13 +217,13 @@ def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
         )
 
     def pooled(values: list[tuple[int, float]]) -> float | None:
-        total = sum(n for n, _ in values)
-        return math.sqrt(sum(n * v * v for n, v in values) / total) if total else None
+        total = sum(n * v * v for n, v in values)
+        return math.sqrt(total / sum(n for n, _ in values)) if values and math.isfinite(total) else None
 
     out["rmse_before_m"] = pooled([(h.n, h.rmse_before) for h in move])
     out["rmse_after_m"] = pooled([(h.n, h.rmse_after) for h in move])
     out["noise_m"] = pooled([(h.n, h.noise) for h in move])
-    gains = np.array([h.elpd_after - h.elpd_before for h in proof])
+    gains = np.array([h.elpd_after - h.elpd_before if h.answered else math.nan for h in proof])
     out["elpd_gain"] = float(gains.sum()) if gains.size else None
     out["elpd_gain_se"] = float(math.sqrt(gains.size) * gains.std(ddof=1)) if gains.size > 1 else None
     return out

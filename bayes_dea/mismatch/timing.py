@@ -63,10 +63,14 @@ def sample_step_s(fit: Fit) -> float:
     return min(steps, default=0.0)
 
 
+#: how the note of a shift begins: by it the statement knows that there is one
+LAG_NOTE = "timing: the readings lag the command"
+
+
 def timing_note(delay_s: float, step_s: float) -> str:
     """One line about a shift that is no physics."""
     return (
-        f"timing: the readings lag the command by {1e3 * delay_s:.2g} ms, less than one sample "
+        f"{LAG_NOTE} by {1e3 * delay_s:.2g} ms, less than one sample "
         f"({1e3 * step_s:.3g} ms): when a row is read and when its command was given is the bench's convention, no "
         "physics; see hold in campaign.toml"
     )

@@ -8,6 +8,7 @@ from ..assemble import Assembled
 from ..models.effects import registered_effects
 from ..noise.mains import Mains
 from .name import MAINS, NONE, UNKNOWN, Naming
+from .timing import LAG_NOTE
 
 
 def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str) -> str:
@@ -17,14 +18,14 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     n = len(proof["held_out"])
     where = {"validate": f"the {n} recordings it never saw", "left out in turn": f"{n} recordings left out in turn"}
     numbers = ""
-    if proof["rmse_before_m"] is not None:
+    if proof["rmse_before_m"] is not None and proof["rmse_after_m"] is not None:
         before, after, noise = (1e6 * proof[k] for k in ("rmse_before_m", "rmse_after_m", "noise_m"))
         numbers = (
             f"the error on {where.get(proof['how'], 'them')} falls from {before:.3g} to {after:.3g} um "
             f"(noise {noise:.3g} um)"
         )
     if verdict == NONE:
-        if any(w.startswith("timing: the readings lag") for w in summary["warnings"]):
+        if any(w.startswith(LAG_NOTE) for w in summary["warnings"]):
             return f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
         if naming.none.scan.detected:
             return (

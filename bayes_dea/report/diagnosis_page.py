@@ -127,6 +127,10 @@ def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     return out
 
 
+def _sized(value: float | None, scale: float, unit: str) -> str:
+    return "no answer" if value is None else f"{scale * value:.3g} {unit}"
+
+
 def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     out = []
     for h in summary["proof"]["held_out"]:
@@ -134,10 +138,11 @@ def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
         out.append(
             {
                 "name": h["recording"],
-                "before": f"{scale * h[f'rmse_before_{unit}']:.3g} {sign}",
-                "after": f"{scale * h[f'rmse_after_{unit}']:.3g} {sign}",
-                "noise": f"{scale * h[f'noise_{unit}']:.3g} {sign}",
-                "gain": f"{h['elpd_after'] - h['elpd_before']:.1f}",
+                "before": _sized(h[f"rmse_before_{unit}"], scale, sign),
+                "after": _sized(h[f"rmse_after_{unit}"], scale, sign),
+                "noise": _sized(h[f"noise_{unit}"], scale, sign),
+                "gain": "–" if None in (h["elpd_after"], h["elpd_before"])
+                else f"{h['elpd_after'] - h['elpd_before']:.1f}",
             }
         )
     return out
@@ -288,13 +293,15 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     figure = new_figure(1.0 + 0.3 * len(rows))
     ax = figure.add_subplot()
     y = np.arange(len(rows))[::-1]
-    before, after, noise = (1e6 * np.array([h[f"{k}_m"] for h in rows]) for k in ("rmse_before", "rmse_after", "noise"))
+    before, after, noise = (
+        1e6 * np.array([h[f"{k}_m"] for h in rows], dtype=float) for k in ("rmse_before", "rmse_after", "noise")
+    )
     ax.hlines(y, after, before, color=GREY, linewidth=2)
     ax.plot(before, y, "o", color=VERMILLION, label="before")
     ax.plot(after, y, "s", color=BLUE, label="after")
     ax.plot(noise, y, "|", color=BLACK, markersize=11, label="noise floor")
     ax.set_yticks(y, [_short(h["recording"]) for h in rows])
-    ax.set_xlim(0, 1.1 * float(max(before.max(), noise.max())))
+    ax.set_xlim(0, 1.1 * float(max(np.nanmax(before), noise.max())))
     ax.set_xlabel("RMSE (µm)")
     ax.set_ylim(-0.6, len(rows) - 0.4)
     _legend_above(ax, ax)
