@@ -68,7 +68,7 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
             "concealed": case.truth,
             "effects": case.effects,
             "model": case.model,
-            "sizes": case.sizes if isinstance(case.sizes, (dict, list)) else str(case.sizes),
+            "sizes": {n: {"steps": size.steps, "nats": size.nats} for n, size in case.sizes.items()},
         }
         campaign = campaign_of(case)
         began = time.perf_counter()
