@@ -24,6 +24,7 @@ from .features import Features
 from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
+from .relabel import FURTHER, in_place_of_one
 from .ridge import integrated
 from .slow_start import LIMITS, low_start, slow_start
 from .weigh import HOPELESS, Frame, Screened, Weighed, escape, moved_to, own_index, refine, screen
@@ -209,8 +210,8 @@ def name_physics(
         best = explain(ranked[0], looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # more than one effect, where one is not enough
-    for count in range(2, most_effects + 1):
-        if (best.adequate and best.discrepancy.gain < 5.0) or len(best.weighed.effects) != count - 1:
+    for _ in range(most_effects):
+        if (best.adequate and best.discrepancy.gain < 5.0) or not 1 <= len(best.weighed.effects) < most_effects:
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
@@ -224,6 +225,11 @@ def name_physics(
             break
         if spoiled is not None and spoiled(top.fit):
             return None
+        simpler = _without_stray_mode(top, none.weighed.fit, model, prior, given)
+        if simpler is not None and simpler.log_evidence > max(
+            top.log_evidence - math.log(odds["single"] / odds["double"]), best.weighed.log_evidence
+        ):
+            weighed[simpler.name] = top = simpler
         best = explain(top, looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # what explains less than the resolution is not claimed as physics
@@ -364,6 +370,17 @@ def _singles(
                 if memory is not None:
                     memory[key] = s
     return found
+
+
+def _without_stray_mode(
+    w: Weighed, base: Fit, model: Model, prior: NoisePrior, overrides: Mapping[str, object]
+) -> Weighed | None:
+    """An explanation without its further mode, where a mode of the base may have gone astray."""
+    others = [n for n in w.effects if n != FURTHER]
+    if not others or len(others) == len(w.effects):
+        return None
+    m = extended(model, others, {**overrides, **_law_of(w)})
+    return in_place_of_one(w, base, m, prior) if m is not None else None
 
 
 def _law_of(w: Weighed) -> dict[str, Prior]:

@@ -54,7 +54,8 @@ def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float 
             if not (np.isfinite(x[i]).all() and np.isfinite(m[i]).all()):
                 scored.append((np.full(x[i].shape, np.nan), -math.inf))
                 continue
-            scored.append((own_offset_and_gain(piece, x[i], end), _log_density(fit, piece, _cut(piece, x[i], m[i], end))))
+            density = _log_density(fit, piece, _cut(piece, x[i], m[i], end))
+            scored.append((own_offset_and_gain(piece, x[i], end), density))
         (r0, e0), (r1, e1) = scored
         masked = ~piece.prepared.observed
         out.append(

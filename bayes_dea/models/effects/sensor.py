@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, MutableMapping
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from ...campaign.schema import Campaign
 
 _CATALOGUE = "catalogue of missing physics"
+#: sd of a uniform density over half its width
+UNIFORM_SD = 1.0 / math.sqrt(3.0)
 
 
 def _displacements(campaign: Campaign) -> list[np.ndarray]:
@@ -87,11 +90,11 @@ class SensorNonlinearity(Effect):
     black_box = True
 
     def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
-        """The stated accuracy at the largest displacement, either sign."""
+        """The sd of what lies within the stated accuracy at the largest displacement; worse is not ruled out."""
         accuracy, reach = stated_accuracy(campaign), max(map(abs, displacement_range(campaign)))
         if accuracy is None or reach == 0.0:
             return {}
-        return {"q_2_per_m": Prior("uniform", -accuracy / reach**2, accuracy / reach**2)}
+        return {"q_2_per_m": Prior("normal", 0.0, UNIFORM_SD * accuracy / reach**2)}
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the error at 200 um."""
@@ -115,12 +118,12 @@ class SensorDrift(Effect):
     black_box = True
 
     def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
-        """The stated accuracy over the longest recording, either sign."""
+        """The sd of what lies within the stated accuracy over the longest recording; worse is not ruled out."""
         accuracy = stated_accuracy(campaign)
         spans = [float(r.time_s[-1] - r.time_s[0]) for r in campaign.recordings if r.is_voltage]
         if accuracy is None or not spans:
             return {}
-        return {"drift_m_per_s": Prior("uniform", -accuracy / max(spans), accuracy / max(spans))}
+        return {"drift_m_per_s": Prior("normal", 0.0, UNIFORM_SD * accuracy / max(spans))}
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the rate."""

@@ -1,0 +1,54 @@
+"""A mode of the model that went astray, told from one that was left out.
+
+Where two effects are fitted at once, one of the base's modes may end where it serves nothing (a local maximum), and a
+further mode then explains what that one should. So a further mode is tried in the place of each of the base's, without
+the effect that brought it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..models.model import Model
+from .noise_prior import NoisePrior
+from .refit import Fit, bounds, descend, refit
+from .weigh import Weighed, effect_size
+
+FURTHER = "extra_relaxation_mode"
+
+
+def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
+    """`found` (with `FURTHER` among its effects) without it, refitted with its mode in the place of one of the base's.
+
+    model: the base with the other effects of `found`. None where the network has no relaxation times of its own, or
+    no such fit has an answer.
+    """
+    spec = model.spec
+    if FURTHER not in found.effects or spec.network != "gm":
+        return None
+    problem = found.fit.problem.with_model(model)
+    low, high = bounds(problem)
+    values = found.fit.values()
+    ends = []
+    for i in range(1, spec.elements + 1):
+        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1) if j != i]
+        branches = sorted([*kept, (values["tau_x_s"], values["k_x_Pa"])], reverse=True)
+        named = dict(values)
+        for j, (tau, k) in enumerate(branches, 1):
+            named[f"tau_{j}_s"], named[f"k_{j}_Pa"] = tau, k
+        x = np.array([np.log(named[p.name]) if p.prior.is_log else named[p.name] for p in model.priors.free])
+        rest = found.fit.q[found.fit.problem.model.dimension :]
+        start = np.concatenate([model.from_prior_coordinates(x[None])[0], rest])
+        if not np.isfinite(start).all():
+            continue
+        end = descend(problem, np.clip(start, low + 1e-9, high - 1e-9), prior.start(), low, high, 25, 0.05, None)
+        if end is not None:
+            ends.append(end)
+    if not ends:
+        return None
+    fit = refit(problem, min(ends, key=lambda e: e.value).q, prior.start(), prior)
+    if fit is None:
+        return None
+    others = tuple(n for n in found.effects if n != FURTHER)
+    return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
+

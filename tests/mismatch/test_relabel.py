@@ -1,0 +1,35 @@
+"""A mode of the base that went astray, and a further mode that took its place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_dea.mismatch.name import extended
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.relabel import in_place_of_one
+from bayes_dea.mismatch.weigh import Weighed
+
+
+def test_a_further_mode_gives_its_place_back_to_the_one_that_went_astray(diagnosed):
+    """The fit with a resistance, its middle mode sent where it serves nothing and repeated as a further one."""
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    right = result.corrected
+    model = right.problem.model
+    both = extended(model, ["extra_relaxation_mode"], {})
+    values = right.values()
+    stray = {**values, "k_x_Pa": values["k_2_Pa"], "tau_x_s": values["tau_2_s"], "k_2_Pa": 2e3}
+    x = np.array([np.log(stray[p.name]) if p.prior.is_log else stray[p.name] for p in both.priors.free])
+    q = np.concatenate([both.from_prior_coordinates(x[None])[0], right.q[model.dimension :]])
+    fit = replace(right, problem=right.problem.with_model(both), q=q)
+    found = Weighed(("series_resistance", "extra_relaxation_mode"), fit, 0.0, 0.1, 1e-6)
+    simpler = in_place_of_one(found, result.base, model, noise_prior(result.assembled))
+    assert simpler.name == "series_resistance"
+    assert simpler.fit.objective == pytest.approx(right.objective, abs=0.5)
+    assert simpler.fit.values()["R_s_ohm"] == pytest.approx(values["R_s_ohm"], rel=0.01)
+
+
+def test_without_a_further_mode_there_is_nothing_to_put_in_place(diagnosed):
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    w = Weighed(("series_resistance",), result.corrected, 0.0, 0.1, 1e-6)
+    assert in_place_of_one(w, result.base, result.corrected.problem.model, noise_prior(result.assembled)) is None

@@ -1,0 +1,99 @@
+"""Scores and map of the concealed study, on rows whose answer is known."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CONCEALED = Path(__file__).resolve().parents[2] / "runs" / "concealed"
+sys.path.insert(0, str(CONCEALED))
+
+import learn  # noqa: E402
+import scores  # noqa: E402
+
+
+def row(seed, truth, verdict, raw, members=None, steps=5.0, nats=500.0):
+    """A row as study.py writes it."""
+    return {
+        "seed": seed, "truth": truth, "concealed": truth, "verdict": verdict, "raw": raw, "confidence": raw,
+        "set": members or [verdict], "sizes": {} if truth == "none" else {"all": {"steps": steps, "nats": nats}},
+        "effects": {"series_resistance": {"R_s_ohm": 1e5}} if truth == "series_resistance" else {},
+        "hypotheses": [{"name": verdict, "parameters": {"R_s_ohm": {"q05": 0.9e5, "q95": 1.1e5}}}],
+        "proof": {"rmse_before_m": 9e-6, "rmse_after_m": 4.8e-6, "noise_m": 4.7e-6}, "seconds": 10.0,
+    }  # fmt: skip
+
+
+ROWS = [
+    row(1, "none", "none", 0.99),
+    row(2, "none", "leakage", 0.7),
+    row(3, "series_resistance", "series_resistance", 0.9),
+    row(4, "series_resistance", "leakage", 0.6, ["leakage", "series_resistance"]),
+    row(5, "unknown", "unknown", 0.99),
+    row(6, "inertia+sensor_lag", "sensor_lag+inertia", 0.8),
+    row(7, "sensor_lag", "none", 0.9, nats=3.0, steps=1.1),
+]
+
+
+def test_counts_of_rows_whose_answer_is_known():
+    s = scores.scores([*ROWS, {"seed": 8, "truth": "none", "error": "ValueError"}])
+    assert s["campaigns"] == 8
+    assert s["failed"] == 1
+    assert s["false_alarms"]["hits"] == 1
+    assert s["false_alarms"]["n"] == 2
+    assert s["nameable"]["right"]["hits"] == 2  # 3 and 6; 4 is wrong, 7 cannot be named
+    assert s["nameable"]["right"]["n"] == 3
+    assert s["nameable"]["in_set"]["hits"] == 3
+    assert s["coverage"]["all"] == scores.Rate(1, 1).json()
+    assert s["brier_all"] == pytest.approx(np.mean([0.01**2, 0.7**2, 0.1**2, 0.6**2, 0.01**2, 0.2**2, 0.9**2]))
+    assert {t["truth"]: t["verdicts"] for t in s["confusion"]}["sensor_lag"] == {"none": 1}
+
+
+def test_intervals_of_a_share_are_exact():
+    low, high = scores.Rate(4, 1000).interval
+    assert low == pytest.approx(0.00109, abs=2e-5)  # Clopper-Pearson: beta quantiles
+    assert high == pytest.approx(0.01021, abs=2e-5)
+    assert scores.Rate(0, 10).interval[0] == 0.0
+
+
+def test_the_map_finds_overconfidence_and_rises():
+    """Verdicts given with 0.999 that are right nine times in ten, with 0.6 half of the time."""
+    given = [(0.999, i % 10 != 0) for i in range(300)] + [(0.6, i % 2 == 0) for i in range(300)]
+    rows = [row(i, "series_resistance", "series_resistance" if right else "leakage", raw)
+            for i, (raw, right) in enumerate(given)]  # fmt: skip
+    theta = learn.learn(rows)
+    c = learn.mapped(np.array(learn.GRID), theta)
+    assert np.all(np.diff(c) >= 0)
+    at = dict(zip(learn.GRID, c, strict=True))
+    assert at[0.999] == pytest.approx(0.9, abs=0.01)
+    assert at[0.6] == pytest.approx(0.5, abs=0.02)
+
+
+def test_the_page_is_made_of_a_study(tmp_path):
+    study = tmp_path / "study"
+    study.mkdir()
+    (study / "rows.jsonl").write_text("".join(json.dumps(r) + "\n" for r in ROWS) + '{"seed": 9, "tru')
+    done = subprocess.run(
+        [sys.executable, str(CONCEALED / "judge.py"), str(study), "--out", str(tmp_path / "report")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert page.count("<figure>") == 3
+    assert "66.7 % (2 of 3" in page
+    assert json.loads((tmp_path / "report" / "scores.json").read_text())["study"]["campaigns"] == 7
+
+
+def test_a_map_is_not_learned_on_seeds_that_are_scored(tmp_path):
+    study = tmp_path / "study"
+    study.mkdir()
+    rows = [row(1_000_000 + i, "none", "none", 0.9) for i in range(60)]
+    (study / "rows.jsonl").write_text("".join(json.dumps(r) + "\n" for r in rows))
+    done = subprocess.run(
+        [sys.executable, str(CONCEALED / "learn.py"), str(study), "--out", str(tmp_path / "map.toml")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert not (tmp_path / "map.toml").exists()
