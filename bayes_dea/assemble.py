@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .campaign.order import of, quantiles
 from .campaign.schema import Campaign, Recording, Sensor
+from .campaign.scratch import BLOCK, beside, computed, kept, pieces
 from .errors import InputError
-from .forward import memory, simulate
+from .forward import memory, sign_of, simulate
 from .likelihood.block_group import BlockGroup, build_block_groups
 from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
@@ -23,6 +26,8 @@ from .noise.edges import input_noise
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
+#: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
+_EFFECT_BYTES, _MENTIONED_BYTES = 150, 1e9
 #: the slack before contact, as a share of the stack height: centre and sd of its prior
 _SLACK_SHARE = 0.02
 
@@ -62,6 +67,8 @@ def assemble(
     """
     warnings: list[str] = list(campaign.warnings)
     used = _usable(campaign, model, warnings)
+    if model.spec.effects:
+        _check_room(used, model, warnings)
     for r in used:
         if r.is_voltage:
             require(r.actuator, VOLTAGE_GEOMETRY, f"{r.name} (a voltage recording)")
@@ -152,6 +159,22 @@ def _usable(campaign: Campaign, model: Model, warnings: list[str]) -> tuple[Reco
     return tuple(used)
 
 
+def _check_room(used: tuple[Recording, ...], model: Model, warnings: list[str]) -> None:
+    """Says what a model with effects needs for a long recording. Raises InputError where the machine has less."""
+    longest = max(used, key=lambda r: r.n)
+    need = _EFFECT_BYTES * longest.n
+    if need < _MENTIONED_BYTES:
+        return
+    text = (f"{longest.name}: {model.name} has effects, which are worked out on the whole recording at once: its "
+            f"{longest.n:.3g} rows need about {need / 1e9:.1f} GB of memory, whatever --memory says")
+    names = getattr(os, "sysconf_names", {})
+    known = "SC_PHYS_PAGES" in names and "SC_PAGE_SIZE" in names
+    if known and need > (there := os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")):
+        raise InputError(f"{text}, and this machine has {there / 1e9:.1f} GB. Cut the recording ([format] rows), thin "
+                         "it out, or take a model without effects, which is fitted in pieces.")
+    warnings.append(f"{text}.")
+
+
 def _own_parameters(campaign: Campaign, model: Model, specimens: tuple[str, ...]) -> tuple[int, ...]:
     """Positions of the parameters that specimens do not share; all are shared where [share] says nothing."""
     if campaign.share is None or len(specimens) < 2:
@@ -182,9 +205,8 @@ def linearised(model: Model) -> Model:
 def _disturbances(p: Prepared) -> list[str]:
     out = []
     if p.dropouts:
-        out.append(
-            f"{p.name}: {p.dropouts} drop-outs ({p.dropouts / p.y.size:.2g} of the samples) were found and masked"
-        )
+        count = "1 drop-out" if p.dropouts == 1 else f"{p.dropouts} drop-outs"
+        out.append(f"{p.name}: {count} ({p.dropouts / p.y.size:.2g} of the samples) found and masked")
     if p.mains is not None:
         out.append(
             f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
@@ -231,10 +253,9 @@ def _force_terms(
 
 def _stiffness(p: Prepared) -> float:
     """Largest force over the travel that goes with it, in N/m."""
-    x = filled_input(p.recording.columns["position_m"])[p.observed]
-    f = p.y[p.observed]
-    force = float(np.quantile(f, 0.999) - np.quantile(f, 0.001))
-    return max(force / max(float(np.ptp(x)), 1e-9), 1e-9)
+    x = kept(filled_input(p.recording.columns["position_m"]), p.observed)
+    low, high = quantiles(of(kept(p.y, p.observed)), [0.001, 0.999])
+    return max((high - low) / max(float(x.max() - x.min()), 1e-9), 1e-9)
 
 
 def _channel(
@@ -268,8 +289,7 @@ def _channel(
 def zero_prior(p: Prepared) -> ZeroPrior:
     position = filled_input(p.recording.columns["position_m"])
     height = p.recording.actuator.stack_height_m or 1.0
-    force = p.y[p.observed]
-    sign = 1.0 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1.0
+    sign = float(sign_of(kept(p.y, p.observed)))
     sd = _SLACK_SHARE * height
     return ZeroPrior(p.name, f"zero_{_identifier(p.name)}_m", float(position[0]) + sign * sd, sd)
 
@@ -298,10 +318,9 @@ def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
             p = record.prepared
             if p.recording.role != "identify":
                 continue
-            x = (1 + gain) * simulate(
-                posterior.model, values, p.recording, zeros.get(p.name), memory(recordings, p.recording)
-            )
-            residuals[p.name] = remove_nuisance(p, p.y - x)
+            x = simulate(posterior.model, values, p.recording, zeros.get(p.name), memory(recordings, p.recording))
+            residuals[p.name] = remove_nuisance(p, computed(lambda y, x, gain=gain: y - (1 + gain) * x, p.y, x))
+            del x
         groups.append(group.with_reference(residuals))
     return replace(posterior, groups=tuple(groups))
 
@@ -309,6 +328,17 @@ def with_reference(posterior: Posterior, q: NDArray) -> Posterior:
 def remove_nuisance(p: Prepared, residual: NDArray) -> NDArray:
     """A residual without the offset and the mains line that fit it best."""
     N = p.nuisance()
-    good = p.observed & np.isfinite(residual)
-    coefficient, *_ = np.linalg.lstsq(N[good], residual[good], rcond=None)
-    return residual - N @ coefficient
+    good = computed(lambda seen, r: seen & np.isfinite(r), p.observed, residual, dtype=np.bool_)
+    if residual.size <= BLOCK:
+        coefficient, *_ = np.linalg.lstsq(N[good], residual[good], rcond=None)
+    else:
+        # the triangular factor of all rows, from those of the pieces
+        R = np.empty((0, N.shape[1] + 1))
+        for part in pieces(residual.size, BLOCK):
+            here = np.column_stack([N[part], residual[part]])[good[part]]
+            R = np.asarray(np.linalg.qr(np.concatenate([R, here]), mode="r"))
+        coefficient, *_ = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=None)
+    out = beside(residual)
+    for part in pieces(out.size, BLOCK):
+        out[part] = residual[part] - N[part] @ coefficient
+    return out

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from . import __version__
 from .assemble import Assembled, assemble
 from .campaign.schema import Campaign
+from .campaign.scratch import pieces
 from .emulation import Emulation
 from .errors import NotConvergedWarning
 from .find_map import MapResult, find_map
 from .fit.ensemble import EnsembleResult, EnsembleSettings, Progress, sample
 from .fit.reweigh import LARGEST_K, Weights, smoothed_weights, systematic
+from .forward import largest
 from .likelihood.posterior import Posterior
 from .likelihood.remembering import forget
 from .models.chain import maxwell_form
@@ -317,17 +319,9 @@ def _refit_left_out(
 
 def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray) -> dict[str, NDArray]:
     """Largest output that prior draws predict for each recording (n,), for the question: is the prior sensible?"""
-    from .forward import simulate
-
     values = posterior.model.physical(posterior.model_part(draws))
-    out = {}
-    for p in assembled.prepared[:4]:
-        peaks = []
-        for i in range(0, len(draws), 4):
-            x = simulate(posterior.model, {k: float(v[i]) for k, v in values.items()}, p.recording)
-            peaks.append(float(np.nanmax(np.abs(x))))
-        out[p.name] = np.array(peaks)
-    return out
+    some = [{k: float(v[i]) for k, v in values.items()} for i in range(0, len(draws), 4)]
+    return {p.name: largest(posterior.model, some, p.recording) for p in assembled.prepared[:4]}
 
 
 def _statistics(values: NDArray) -> dict[str, float]:
@@ -360,7 +354,7 @@ def _particulars(posterior: Posterior, name: str) -> dict[str, Any]:
         "input": "voltage_V" if p.recording.is_voltage else "position_m",
         "hold": p.recording.hold,
         "dropouts": p.dropouts,
-        "gaps": int(np.sum(~np.isfinite(p.y))),
+        "gaps": int(p.y.size - sum(np.count_nonzero(np.isfinite(p.y[part])) for part in pieces(p.y.size))),
         "mains": lines,
         "seen": seen(p.recording),
     }

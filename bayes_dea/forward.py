@@ -8,7 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from .campaign.order import median, of, quantiles
 from .campaign.schema import Recording
+from .campaign.scratch import BLOCK, beside, computed, joined, kept, pieces
 from .errors import InputError
 from .models.chain import forces, materials_of, strains
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require, stroke_factor, voltage_drive
@@ -59,28 +61,52 @@ def simulate(
                 _, state = simulate_modes(voltage_drive(before), D[0], c[0], T[0], state)
                 state = state * np.exp(-(after.rest_before_s or 0.0) / T[0])
             strain, _ = simulate_modes(drive, D[0], c[0], T[0], state)
-            return strain * stroke
+            strain *= stroke
+            return strain
         h, stress = past_intervals(earlier, recording)
         jump, end = strains(
             materials_of(model, batch),
-            np.concatenate([h, row_durations(drive)]),
-            np.concatenate([stress, drive.stress]),
+            joined(h, row_durations(drive)),
+            joined(stress, drive.stress),
         )
-        first, last = jump[0, h.size :], end[0, h.size :]
         share = 0.5 if recording.hold == "linear" else 1.0
-        return (first + share * (last - first)) * stroke
+        return computed(
+            lambda first, last: (first + share * (last - first)) * stroke, jump[0, h.size :], end[0, h.size :]
+        )
     if recording.is_mechanical:
         position = imposed_position(recording)
         zero = float(position[0]) if zero_m is None else zero_m
         return forces(
             materials_of(model, batch),
-            np.diff(recording.time_s),
+            _steps(recording.time_s),
             position,
             np.array([zero]),
             recording.actuator,
             contact_of(recording),
         )[0]
     raise InputError(f"{recording.name}: kind '{recording.kind}' cannot be simulated by {model.name}")
+
+
+def largest(model: Model, draws: Sequence[dict[str, float]], recording: Recording) -> NDArray[np.float64]:
+    """Largest size (S,) of the output of a recording, from rest, for parameter sets as `simulate` takes them."""
+    peaks = np.empty(len(draws))
+    if recording.is_voltage and model.is_linear and not model.spec.effects:
+        # one drive and one output for all of them
+        drive, stroke = voltage_drive(recording), stroke_factor(recording.actuator)
+        out = beside(drive.stress)
+        for i, values in enumerate(draws):
+            batch = {name: np.array([float(v)]) for name, v in {**model.priors.fixed, **values}.items()}
+            D, c, T = model.modes_of(batch)
+            simulate_modes(drive, D[0], c[0], T[0], out=out)
+            peaks[i] = _size(out) * stroke
+        return peaks
+    for i, values in enumerate(draws):
+        peaks[i] = _size(simulate(model, values, recording))
+    return peaks
+
+
+def _size(x: NDArray[np.float64]) -> float:
+    return max(float(np.fmax.reduce(x)), -float(np.fmin.reduce(x)))
 
 
 def _with_effects(
@@ -100,8 +126,21 @@ def _with_effects(
 
 def contact_of(recording: Recording) -> int:
     """+1 where a mechanical recording pushes (plates), -1 where it pulls (a film)."""
-    force = recording.columns["force_N"]
-    return 1 if abs(np.nanquantile(force, 0.999)) >= abs(np.nanquantile(force, 0.001)) else -1
+    return sign_of(recording.columns["force_N"])
+
+
+def sign_of(values: NDArray[np.float64]) -> int:
+    """+1 where the largest of a column's finite cells (0.1 % left out) are above zero, -1 where they are below."""
+    low, high = quantiles(of(kept(values, computed(np.isfinite, values, dtype=np.bool_))), [0.001, 0.999])
+    return 1 if abs(high) >= abs(low) else -1
+
+
+def _steps(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Durations (n - 1,) between rows."""
+    out = beside(time_s, n=time_s.size - 1)
+    for part in pieces(out.size, BLOCK):
+        out[part] = np.diff(time_s[part.start : part.stop + 1])
+    return out
 
 
 def memory(recordings: Sequence[Recording], recording: Recording) -> tuple[Recording, ...]:
@@ -128,7 +167,8 @@ def memory(recordings: Sequence[Recording], recording: Recording) -> tuple[Recor
 
 def row_durations(drive: Drive) -> NDArray[np.float64]:
     """How long the stress of each row acts (n,) s; a row that stands for no time gets a millionth of a step."""
-    return np.maximum(drive.dt, 1e-6 * float(np.median(drive.dt[1:])))
+    least = 1e-6 * median(of(drive.dt[1:]))
+    return computed(lambda dt: np.maximum(dt, least), drive.dt)
 
 
 def past_intervals(
@@ -143,7 +183,7 @@ def past_intervals(
         if after.rest_before_s:
             h.append(np.array([after.rest_before_s]))
             stress.append(np.zeros(1))
-    return np.concatenate(h), np.concatenate(stress)
+    return joined(*h), joined(*stress)
 
 
 def imposed_position(recording: Recording) -> NDArray[np.float64]:
@@ -153,7 +193,8 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
     any, block means joined by straight lines replace the samples (as in the fit); a noise-free column stays as it is.
     """
     position = filled_input(recording.columns["position_m"])
-    if input_noise(position) <= 1e-7 * float(np.ptp(position) or 1.0):
+    if input_noise(position) <= 1e-7 * (float(position.max() - position.min()) or 1.0):
         return position
     blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS, kinks=find_kinks(position))
-    return np.interp(recording.time_s, blocks.time_s, block_means(position, blocks))
+    means = block_means(position, blocks)
+    return computed(lambda t: np.interp(t, blocks.time_s, means), recording.time_s)

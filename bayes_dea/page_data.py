@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .campaign.order import differences, median
+from .campaign.scratch import BLOCK, pieces
 from .noise.edges import find_edges
 from .noise.kinks import find_kinks
 from .packed import Packed, pack
@@ -94,17 +96,16 @@ def reduce_recording(
     s = settings or PageSettings()
     t, u, y, mean, sd = (np.asarray(v, dtype=np.float64) for v in (time_s, u, y, mean, sd))
     n = t.size
-    step = float(np.median(np.diff(t))) if n > 1 else 1.0
+    step = median(differences(t)) if n > 1 else 1.0
     rows = max(1, -(-n // s.bins))
     edges = _edges(u)
-    keep, reach = (np.ones(n, dtype=bool), None) if n <= s.samples else _near(t, edges, s, step, rows)
     start = np.arange(0, n, rows)
-    kept = np.logical_or.reduceat(keep, start)
-    keep = np.repeat(kept, np.diff(np.append(start, n)))
+    kept, reach = (np.ones(start.size, dtype=bool), None) if n <= s.samples else _near(t, edges, s, step, rows)
+    keep = (start[kept, None] + np.arange(rows)).ravel()
+    keep = keep[keep < n]
     fine = _step_of(y, noise_sd, resolution)
     smooth, tick = noise_sd / 64 if noise_sd > 0 else fine, step / 1000
     drive = max(float(np.nanmax(u) - np.nanmin(u)) if n else 0.0, 1e-9) / 20_000
-    r = y - mean
     columns: dict[str, tuple[Array, float]] = {
         "s_t": (t[keep], tick),
         "s_y": (y[keep], fine),
@@ -113,13 +114,24 @@ def reduce_recording(
         "s_u": (u[keep], drive),
         "b_t0": (t[start], tick),
         "b_t1": (t[np.append(start[1:], n) - 1], tick),
-        "b_n": (np.add.reduceat(np.isfinite(r).astype(np.float64), start), 1.0),
+        "b_n": (np.zeros(start.size), 1.0),
         "b_kept": (kept.astype(np.float64), 1.0),
     }
-    for name, values, unit in (("y", y, fine), ("r", r, smooth), ("p", mean, smooth), ("u", u, drive)):
-        for what, of in _bins(values, start).items():
-            columns[f"b_{name}_{what}"] = (of, unit)
-    columns["b_sd"] = (_bins(sd, start)["mean"], smooth)
+    units = {"y": fine, "r": smooth, "p": smooth, "u": drive}
+    for name, unit in units.items():
+        for what in ("min", "mean", "max"):
+            columns[f"b_{name}_{what}"] = (np.empty(start.size), unit)
+    columns["b_sd"] = (np.empty(start.size), smooth)
+    # pieces of whole bins
+    for some in pieces(start.size, max(1, BLOCK // rows)):
+        part = slice(some.start * rows, min(some.stop * rows, n))
+        first = start[some] - part.start
+        r = y[part] - mean[part]
+        columns["b_n"][0][some] = np.add.reduceat(np.isfinite(r).astype(np.float64), first)
+        for name, values in (("y", y[part]), ("r", r), ("p", mean[part]), ("u", u[part])):
+            for what, of in _bins(values, first).items():
+                columns[f"b_{name}_{what}"][0][some] = of
+        columns["b_sd"][0][some] = _bins(sd[part], first)["mean"]
     return PageData(pack(columns), tuple(float(t[i]) for i in edges), reach, rows, step)
 
 
@@ -132,20 +144,20 @@ def _edges(u: Array) -> NDArray[np.int64]:
 def _near(
     t: Array, edges: NDArray[np.int64], s: PageSettings, step: float, rows: int
 ) -> tuple[NDArray[np.bool_], float | None]:
-    """Rows (n,) within the reach of an edge, and that reach, shortened until they are few enough."""
+    """Bins (nb,) with a row within the reach of an edge, and that reach, shortened until they are few enough."""
     times = t[edges]
     reach = s.reach_s
+    bins = -(-t.size // rows)
     if not times.size:
-        return np.zeros(t.size, dtype=bool), reach
+        return np.zeros(bins, dtype=bool), reach
     while True:
         first = np.searchsorted(t, times - reach - 1e-9 * step)
         last = np.searchsorted(t, times + reach + 1e-9 * step, side="right")
-        change = np.zeros(t.size + 1, dtype=np.int64)
-        np.add.at(change, first, 1)
-        np.add.at(change, last, -1)
+        change = np.zeros(bins + 1, dtype=np.int64)
+        np.add.at(change, first // rows, 1)
+        np.add.at(change, (last - 1) // rows + 1, -1)
         near = np.cumsum(change[:-1]) > 0
-        bins = int(np.logical_or.reduceat(near, np.arange(0, t.size, rows)).sum())  # whole ones are kept
-        if bins * rows <= s.samples or reach < 5 * step:
+        if int(near.sum()) * rows <= s.samples or reach < 5 * step:  # whole ones are kept
             return near, reach
         reach *= 0.7
 
@@ -161,7 +173,11 @@ def _bins(x: Array, start: NDArray[np.int64]) -> dict[str, Array]:
 
 def _step_of(y: Array, noise_sd: float, resolution: float | None) -> float:
     """Step in which the readings are kept: their own where they are quantised as stated, else finer than the noise."""
-    good = y[np.isfinite(y)][:20_000]
+    good = np.empty(0)
+    for part in pieces(y.size, BLOCK):
+        good = np.append(good, y[part][np.isfinite(y[part])])[:20_000]
+        if good.size == 20_000:
+            break
     if resolution and good.size:
         steps = (good - good.min()) / resolution
         if np.abs(steps - np.rint(steps)).max() < 0.01:

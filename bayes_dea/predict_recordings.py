@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from .assemble import Assembled
+from .campaign.scratch import BLOCK, beside, computed, kept, pieces
 from .checks import metrics
 from .forward import memory, simulate
 from .likelihood.block_group import BlockGroup
@@ -24,11 +25,15 @@ from .likelihood.prepare import Prepared
 from .models.electrostatics import voltage_drive
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .page_data import PageData, PageSettings, reduce_recording
+from .predict_blocks import Simulated, predict_blocks
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """One recording, predicted. Arrays over blocks have nb columns; draws S rows."""
+    """One recording, predicted. Arrays over blocks have nb columns; draws S rows.
+
+    Of a recording of more than a million rows some of the blocks are kept, see `predict_blocks.kept_blocks`.
+    """
 
     name: str
     role: str
@@ -163,7 +168,7 @@ def _predict_one(
     sigma, rho = posterior.noise_part(chosen, group.channel)
     own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
     r = p.recording
-    masked = ~p.observed & np.isfinite(p.y)
+    masked = computed(lambda y, seen: ~seen & np.isfinite(y), p.y, p.observed, dtype=np.bool_)
     if isinstance(group, LinearGroup):
         blocks = log_blocks(r.time_s, voltage_drive(r).stress, y=p.y, mask=masked)
     else:
@@ -183,46 +188,49 @@ def _predict_one(
         None if own_zero is None else float(own_zero.mean()),
         memory([q.recording for q in assembled.prepared], r),
     )
-    if isinstance(group, LinearGroup):
-        X = (
-            group.vectors(posterior.model, posterior.model_part(chosen, group.specimen))
-            @ group.block_responses(p, blocks, masked).T
-        )
-    else:
-        inputs = group.inputs(posterior.model, posterior.model_part(chosen, group.specimen))
-        X = group.simulate(group.record(p.name), inputs, own_zero)
+    simulated = _simulated(posterior, group, p, blocks, masked, chosen, own_zero)
     gain = float(terms[:, 1].mean())
     noise_sd, rho_mean = float(np.sqrt(noise2.mean())), float(rho[:, rate].mean())
     N = p.nuisance()
-    added, _ = _nuisance_given(p.y - (1 + gain) * x, N, prior, p.observed, noise_sd, rho_mean)
-    rmse_raw = metrics.rmse(np.where(p.observed, p.y - x, np.nan))
-    level = (1 + gain) * x + N @ added
-    del x  # of a long recording every column counts
+    added, _ = _nuisance_given(p.y, (1 + gain), x, N, prior, p.observed, noise_sd, rho_mean)
+    residual = computed(lambda y, seen, x: np.where(seen, y - x, np.nan), p.y, p.observed, x)
+    rmse_raw = metrics.rmse(residual)
+    level, disturbed = x, beside(x)  # of a long recording every column counts
+    for part in pieces(x.size, BLOCK):
+        level[part] = (1 + gain) * x[part] + N[part] @ added
+        disturbed[part] = N[part] @ np.concatenate([[0.0], added[1:]])
+    del x, N
     y_blocks = block_means(p.y, blocks, masked)
-    f = (1 + terms[:, 1:2]) * X
-    weight = blocks.count[None] * ((1 - rho[:, rate]) / (1 + rho[:, rate]) / noise2)[:, None]
-    disturbance = block_means(N @ np.concatenate([[0.0], added[1:]]), blocks, masked)
-    offset_var = 1.0 / (weight.sum(axis=1) + prior[0])
-    offset = offset_var * np.sum(weight * (y_blocks - disturbance - f), axis=1)
-    f = f + offset[:, None] + disturbance
-    # offset and gain scatter around their conditional means as well
-    centred = X - np.average(X, axis=1, weights=blocks.count)[:, None]
-    parameter_var = f.var(axis=0) + offset_var.mean() + np.mean(terms[:, 2:3] * centred**2, axis=0)
+    disturbance = block_means(disturbed, blocks, masked)
+    del disturbed
+    information = (1 - rho[:, rate]) / (1 + rho[:, rate]) / noise2
+    found = predict_blocks(
+        simulated, terms[:, 1], terms[:, 2], y_blocks, disturbance, blocks.count, information, float(prior[0]), p.n, rng
+    )
+    del simulated
     level_blocks = block_means(level, blocks, masked)
-    mean, sd = np.full(p.y.size, np.nan), np.full(p.y.size, np.nan)
-    shift, sd_blocks = f.mean(axis=0) - level_blocks, np.sqrt(parameter_var + noise_sd**2)
-    for k, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
-        mean[a:b] = level[a:b] + shift[k]
-        sd[a:b] = sd_blocks[k]
-    del level, N
-    y = np.where(p.observed, p.y, np.nan)
-    residual = y - mean
+    mean, sd = beside(p.y), beside(p.y)
+    mean[:], sd[:] = np.nan, np.nan
+    shift, sd_blocks = found.mean - level_blocks, np.sqrt(found.parameter_var + noise_sd**2)
+    for i, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
+        mean[a:b] = level[a:b] + shift[i]
+        sd[a:b] = sd_blocks[i]
+    del level
+    y = computed(lambda y, seen: np.where(seen, y, np.nan), p.y, p.observed)
+    for part in pieces(y.size, BLOCK):
+        residual[part] = y[part] - mean[part]
     floor = p.quiet_sd if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else noise_sd
     block_var = _block_variance(blocks, noise_sd, rho_mean)
-    replicated = f + np.sqrt(offset_var.mean() + block_var) * rng.standard_normal(f.shape)
+    rows, replicated = found.rows, found.draws
+    replicated += np.sqrt(found.offset_var + block_var[rows]) * rng.standard_normal(replicated.shape)
     # a quantised reading stands for its whole step: spread over it, else the steps themselves look non-uniform
     step = p.sensor.resolution or 0.0
-    uniform = metrics.pit(y + step * (rng.random(y.size) - 0.5), mean, sd)
+    uniform, counts = beside(y), np.zeros(20)
+    for part in pieces(y.size, BLOCK):
+        spread = step * (rng.random(part.stop - part.start) - 0.5)
+        uniform[part] = metrics.pit(y[part] + spread, mean[part], sd[part])
+        here = uniform[part]
+        counts += np.histogram(here[np.isfinite(here)], 20, (0, 1))[0]
     return Prediction(
         p.name,
         r.role,
@@ -242,20 +250,20 @@ def _predict_one(
         float(prior[0] ** -0.5),
         gain,
         group.gain_sd,
-        blocks.time_s,
-        block_means(np.nan_to_num(r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks),
-        y_blocks,
-        blocks.count,
-        f.mean(axis=0),
-        np.sqrt(parameter_var),
-        sd_blocks,
-        np.sqrt(parameter_var + block_var),
+        blocks.time_s[rows],
+        block_means(computed(np.nan_to_num, r.columns["voltage_V" if r.is_voltage else "position_m"]), blocks)[rows],
+        y_blocks[rows],
+        blocks.count[rows],
+        found.mean[rows],
+        np.sqrt(found.parameter_var[rows]),
+        sd_blocks[rows],
+        np.sqrt(found.parameter_var + block_var)[rows],
         replicated,
         log_likelihood,
         _binned(metrics.residuals_by_time(residual, sd, r.time_s)),
         _binned(metrics.residuals_by_voltage(residual, sd, r.columns["voltage_V" if r.is_voltage else "position_m"])),
         _spectrum(residual, r.time_s),
-        np.histogram(uniform[np.isfinite(uniform)], 20, (0, 1))[0].astype(float).tolist(),
+        counts.tolist(),
         reduce_recording(
             r.time_s,
             r.columns["voltage_V" if r.is_voltage else "position_m"],
@@ -269,22 +277,46 @@ def _predict_one(
     )
 
 
+def _simulated(
+    posterior: Posterior,
+    group: LinearGroup | BlockGroup,
+    p: Prepared,
+    blocks: Blocks,
+    masked: NDArray,
+    chosen: NDArray,
+    zero: NDArray | None,
+) -> Simulated:
+    """Block means of the model under some draws."""
+    z = posterior.model_part(chosen, group.specimen)
+    if isinstance(group, LinearGroup):
+        vectors, responses = group.vectors(posterior.model, z), group.block_responses(p, blocks, masked)
+        return lambda part: vectors @ responses[part].T
+    X = group.simulate(group.record(p.name), group.inputs(posterior.model, z), zero)
+    return lambda part: X[:, part]
+
+
 def _rate_of(posterior: Posterior, channel: str, p: Prepared) -> int:
     return next(c for c in posterior.channels if c.channel == channel).rates.of(p)
 
 
 def _nuisance_given(
-    residual: NDArray, N: NDArray, precision: NDArray, observed: NDArray, sd: float, rho: float
+    y: NDArray, scale: float, x: NDArray, N: NDArray, precision: NDArray, observed: NDArray, sd: float, rho: float
 ) -> tuple[NDArray, float]:
     """Posterior mean (m,) of what a recording adds, and the variance it leaves at a sample, for AR(1) noise.
 
-    The correlation acts through the variance inflation of slow components, (1 + rho)/(1 - rho).
+    y, x (n,): readings and simulation, which counts `scale` times. The correlation acts through the variance inflation
+    of slow components, (1 + rho)/(1 - rho).
     """
-    A = N[observed] if not observed.all() else N
-    r = residual[observed] if not observed.all() else residual
     w = (1 - rho) / (1 + rho) / sd**2
-    precision_matrix = w * (A.T @ A) + np.diag(precision)
-    mean = np.linalg.solve(precision_matrix, w * (A.T @ r))
+    products, sides = np.zeros((N.shape[1], N.shape[1])), np.zeros(N.shape[1])
+    for part in pieces(y.size, BLOCK):
+        A, r, seen = N[part], y[part] - scale * x[part], observed[part]
+        if not seen.all():
+            A, r = A[seen], r[seen]
+        products += A.T @ A
+        sides += A.T @ r
+    precision_matrix = w * products + np.diag(precision)
+    mean = np.linalg.solve(precision_matrix, w * sides)
     return mean, float(np.linalg.inv(precision_matrix)[0, 0])
 
 
@@ -333,8 +365,8 @@ def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDA
     good = p.observed
 
     def misfit(zero: float) -> float:
-        residual = (p.y - simulate(posterior.model, values, p.recording, zero))[good]
-        return float(np.var(residual))
+        residual = computed(lambda y, x: y - x, p.y, simulate(posterior.model, values, p.recording, zero))
+        return metrics.variance(kept(residual, good))
 
     grid = start + np.linspace(-0.08, 0.08, 17) * height
     best = grid[int(np.argmin([misfit(z) for z in grid]))]

@@ -23,6 +23,8 @@ from bayes_dea.errors import BayesDEAError, InputError
 
 #: rows that are looked at or changed at a time, 2 MB of float64
 PIECE = 1 << 18
+#: the same where sums are taken, so that the last digits of a recording depend on the cut only where it is longer
+BLOCK = 1 << 20
 _BYTES = 8  # of a float64
 
 
@@ -132,6 +134,60 @@ def computed(function: Callable[..., ArrayLike], *columns: NDArray[Any], dtype: 
     out = beside(columns[0], dtype)
     for part in pieces(out.size):
         out[part] = function(*(c[part] for c in columns))
+    return out
+
+
+def copied(column: NDArray[Any]) -> NDArray[Any]:
+    """A copy of a column (n,), in a scratch file where that is in one."""
+    out = beside(column, column.dtype)
+    out[:] = column
+    return out
+
+
+def all_finite(column: NDArray[np.float64]) -> bool:
+    """Whether every cell of a column (n,) is finite."""
+    return all(bool(np.isfinite(column[part]).all()) for part in pieces(column.size, BLOCK))
+
+
+def kept(column: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
+    """The rows of a column (n,) for which `keep` (n,) holds; the column itself where all are."""
+    n = int(np.count_nonzero(keep))
+    if n == column.size:
+        return column
+    out = beside(column, column.dtype, n)
+    at = 0
+    for part in pieces(column.size, BLOCK):
+        piece = column[part][keep[part]]
+        out[at : at + piece.size] = piece
+        at += piece.size
+    return out
+
+
+def rows_where(test: Callable[..., NDArray[np.bool_]], *columns: NDArray[Any]) -> NDArray[np.int64]:
+    """Rows at which a test of columns (n,) holds, rising; held in memory, so of few rows only."""
+    found = [part.start + np.flatnonzero(test(*(c[part] for c in columns))) for part in pieces(columns[0].size, BLOCK)]
+    return np.concatenate(found) if found else np.empty(0, np.int64)
+
+
+def numbered(keep: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """All rows at which a mask (n,) holds, rising; in a scratch file where the mask is in one."""
+    out = beside(keep, np.int64, int(np.count_nonzero(keep)))
+    at = 0
+    for part in pieces(keep.size, BLOCK):
+        rows = np.flatnonzero(keep[part])
+        out[at : at + rows.size] = part.start + rows
+        at += rows.size
+    return out
+
+
+def joined(*arrays: NDArray[Any]) -> NDArray[np.float64]:
+    """Arrays one after the other; in a scratch file where one of them is in one."""
+    room = next((a for a in arrays if scratch_of(a) is not None), arrays[0])
+    out = beside(room, n=sum(a.size for a in arrays))
+    at = 0
+    for a in arrays:
+        out[at : at + a.size] = a
+        at += a.size
     return out
 
 

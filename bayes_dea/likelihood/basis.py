@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
+from ..campaign.scratch import BLOCK, pieces
 from ..errors import InputError
 from ..models.lags import HOLD_CODES, Drive, lag_rows
 
@@ -91,10 +92,15 @@ def _sample_rows(drive: Drive, rng: np.random.Generator, count: int = 1500) -> N
     n = drive.n
     if n <= count:
         return np.arange(n)
-    jumps = np.abs(np.diff(drive.stress))
-    # a held command moves at a few rows only: the many ties at zero would make a selection among all rows slow
-    moved = np.flatnonzero(jumps)
-    largest = moved if moved.size <= 12 else moved[np.argpartition(jumps[moved], -12)[-12:]]
+    largest, sizes = np.empty(0, np.int64), np.empty(0)
+    for part in pieces(n - 1, BLOCK):
+        jumps = np.abs(np.diff(drive.stress[part.start : part.stop + 1]))
+        # a held command moves at a few rows only: the many ties at zero would make a selection among all rows slow
+        moved = np.flatnonzero(jumps)
+        largest, sizes = np.append(largest, part.start + moved), np.append(sizes, jumps[moved])
+        if largest.size > 12:
+            chosen = np.argpartition(sizes, -12)[-12:]
+            largest, sizes = largest[chosen], sizes[chosen]
     after = (largest[:, None] + np.unique(np.geomspace(1, max(2, n // 4), 60).astype(int))[None, :]).ravel()
     spread = np.linspace(0, n - 1, count // 2).astype(int)
     return np.unique(np.concatenate([after[after < n], spread, rng.integers(0, n, count // 4)]))
@@ -111,7 +117,7 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
             "the command is 0 V in every voltage recording: nothing in them says how the actuator answers; "
             "check the voltage_V columns"
         )
-    shortest = min(float(d.dt[d.dt > 0].min()) for d in drives)
+    shortest = min(_shortest(d) for d in drives)
     reference = max(d.span for d in drives)
     low, high = math.log(0.1 * shortest), math.log(1e3 * reference)
     n = max(24, math.ceil(_NODES_PER_EFOLD * (high - low)))
@@ -145,14 +151,23 @@ def build_basis(drives: Sequence[Drive], tolerance: float = 3e-8) -> LagBasis:
     )
 
 
+def _shortest(drive: Drive) -> float:
+    """Shortest step of a drive in s."""
+    steps = (drive.dt[part] for part in pieces(drive.n, BLOCK))
+    return min(float(h[h > 0].min(initial=np.inf)) for h in steps)
+
+
 def _responses_at(drive: Drive, T: NDArray, rows: NDArray, chunk: int = 16384) -> NDArray:
     """Lag responses at some rows only. Stretches of constant input are crossed in one exact step."""
-    if drive.hold == HOLD_CODES["linear"]:
-        keep = np.arange(drive.n)
-    else:
-        changes = np.flatnonzero(np.diff(drive.stress) != 0)
-        keep = np.unique(np.concatenate([[0], changes, changes + 1, rows]))
-    elapsed = np.cumsum(drive.dt)[keep]
+    keep = _kept_rows(drive, rows)
+    if keep is None:
+        return _responses_by_row(drive, T, rows, chunk)
+    elapsed, upto = np.empty(keep.size), 0.0
+    for part in pieces(drive.n, BLOCK):
+        here = np.cumsum(np.concatenate([[upto], drive.dt[part]]))[1:]
+        first, last = np.searchsorted(keep, [part.start, part.stop])
+        elapsed[first:last] = here[keep[first:last] - part.start]
+        upto = float(here[-1])
     dt = np.diff(elapsed, prepend=elapsed[0])
     stress, middle = drive.stress[keep], drive.middle[keep]
     place = np.searchsorted(keep, rows)
@@ -167,14 +182,53 @@ def _responses_at(drive: Drive, T: NDArray, rows: NDArray, chunk: int = 16384) -
     return out
 
 
+def _kept_rows(drive: Drive, rows: NDArray) -> NDArray[np.int64] | None:
+    """Rows between which the input stands still, with those asked about; None where a long input never does."""
+    if drive.hold == HOLD_CODES["linear"]:
+        return np.arange(drive.n) if drive.n <= BLOCK else None
+    changes, many = [np.zeros(1, np.int64)], 0
+    for part in pieces(max(drive.n - 1, 0), BLOCK):
+        here = part.start + np.flatnonzero(np.diff(drive.stress[part.start : part.stop + 1]) != 0)
+        changes.append(here)
+        many += here.size
+        if many > BLOCK:
+            return None
+    moved = np.concatenate(changes)
+    return np.unique(np.concatenate([[0], moved[1:], moved[1:] + 1, rows]))
+
+
+def _responses_by_row(drive: Drive, T: NDArray, rows: NDArray, chunk: int) -> NDArray:
+    """Lag responses at some rising rows of a drive, from all of its rows."""
+    out, state, buffer = np.empty((rows.size, T.size)), np.zeros(T.size), np.empty((chunk, T.size))
+    for part in pieces(int(rows[-1]) + 1, chunk):
+        lag_rows(drive.dt, drive.stress, drive.middle, drive.hold, T, state, part.start, part.stop, buffer)
+        first, last = np.searchsorted(rows, [part.start, part.stop])
+        out[first:last] = buffer[rows[first:last] - part.start]
+    return out
+
+
 def _different(drives: Sequence[Drive]) -> list[Drive]:
     """Drives that are not a multiple of an earlier one: their responses would be multiples as well."""
-    kept: list[tuple[Drive, NDArray]] = []
+    kept: list[Drive] = []
     for d in drives:
-        shape = d.stress / (np.abs(d.stress).max() or 1.0)
-        if not any(d.n == o.n and np.array_equal(d.dt, o.dt) and np.abs(shape - s).max() < 1e-9 for o, s in kept):
-            kept.append((d, shape))
-    return [d for d, _ in kept]
+        if not any(_alike(d, o) for o in kept):
+            kept.append(d)
+    return kept
+
+
+def _alike(d: Drive, o: Drive) -> bool:
+    """Whether a drive is a multiple of another."""
+    if d.n != o.n:
+        return False
+    a, b = _largest(d), _largest(o)
+    return all(
+        np.array_equal(d.dt[part], o.dt[part]) and bool(np.abs(d.stress[part] / a - o.stress[part] / b).max() < 1e-9)
+        for part in pieces(d.n, BLOCK)
+    )
+
+
+def _largest(drive: Drive) -> float:
+    return max(float(drive.stress.max()), -float(drive.stress.min())) or 1.0
 
 
 def _worst_error(basis: LagBasis, drive: Drive, rng: np.random.Generator) -> float:
@@ -186,4 +240,4 @@ def _worst_error(basis: LagBasis, drive: Drive, rng: np.random.Generator) -> flo
     coefficients(
         np.zeros(12), np.ones((12, 1)), T[:, None], basis.table, basis.log_low, basis.step, basis.reference_s, w
     )
-    return float(np.abs(skeleton @ w[:, :-1].T - exact).max() / max(np.abs(drive.stress).max(), 1e-300))
+    return float(np.abs(skeleton @ w[:, :-1].T - exact).max() / max(_largest(drive), 1e-300))

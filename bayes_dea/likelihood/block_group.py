@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
+from ..campaign.scratch import BLOCK, computed, copied, joined, kept, pieces
 from ..errors import InputError
-from ..forward import POSITION_BLOCKS, memory, past_intervals, row_durations
+from ..forward import POSITION_BLOCKS, memory, past_intervals, row_durations, sign_of
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive
@@ -73,29 +74,29 @@ def make_block_record(
     """
     r = prepared.recording
     t = r.time_s
-    masked = ~prepared.observed & np.isfinite(prepared.y)
-    y = np.where(np.isfinite(prepared.y), prepared.y, np.nan)
+    masked = masked_rows(prepared)
+    y = computed(lambda y: np.where(np.isfinite(y), y, np.nan), prepared.y)
     if r.is_voltage:
         drive = voltage_drive(r)
         blocks = log_blocks(t, drive.stress, settings, y=y, mask=masked)
         h, stress, place, share = _intervals(drive, blocks, r.hold)
         past, past_stress = past_intervals(earlier, r)
-        h, stress, place = np.concatenate([past, h]), np.concatenate([past_stress, stress]), place + past.size
+        h, stress, place = joined(past, h), joined(past_stress, stress), place + past.size
         contact = 0
         values = stress
     else:
         position = r.columns["position_m"]
         blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked, kinks=find_kinks(position))
         centre = block_means(position, blocks)
-        start = max(0, int(np.argmax(np.isfinite(position))))
+        start = _first_finite(position)
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
         h = np.maximum(np.diff(times), 1e-9)
         values = np.concatenate([[position[start]], centre])
         place = np.arange(blocks.n)
         share = np.ones(blocks.n)
-        force = prepared.y[prepared.observed]
-        contact = 1 if abs(np.quantile(force, 0.999)) >= abs(np.quantile(force, 0.001)) else -1
-    columns = block_means(prepared.nuisance().T, blocks, masked)
+        contact = sign_of(kept(prepared.y, prepared.observed))
+    nuisance = prepared.nuisance()
+    columns = np.stack([block_means(copied(nuisance[:, k]), blocks, masked) for k in range(nuisance.shape[1])])
     return BlockRecord(
         prepared,
         blocks,
@@ -112,6 +113,19 @@ def make_block_record(
     )
 
 
+def masked_rows(prepared: Prepared) -> NDArray[np.bool_]:
+    """Rows (n,) that were recorded but do not count."""
+    return computed(lambda y, seen: ~seen & np.isfinite(y), prepared.y, prepared.observed, dtype=np.bool_)
+
+
+def _first_finite(values: NDArray[np.float64]) -> int:
+    for part in pieces(values.size, BLOCK):
+        good = np.isfinite(values[part])
+        if good.any():
+            return part.start + int(np.argmax(good))
+    return 0
+
+
 def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Intervals of mean stress that cover the recording; rows outside every block become intervals of their own."""
     n = drive.n
@@ -120,13 +134,10 @@ def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArra
     cut = np.unique(np.concatenate([[0], blocks.start, blocks.stop]))
     cut = cut[cut < n]
     # rows between blocks are kept one by one: their input may do anything
-    inside = np.zeros(n + 1, dtype=np.int64)
-    np.add.at(inside, blocks.start, 1)
-    np.add.at(inside, blocks.stop, -1)
-    outside = np.flatnonzero(np.cumsum(inside[:-1]) == 0)
-    cut = np.union1d(cut, outside)
+    gaps = zip(np.append(0, blocks.stop), np.append(blocks.start, n), strict=True)
+    cut = np.union1d(cut, np.concatenate([np.arange(a, b) for a, b in gaps]))
     h = np.add.reduceat(dt, cut)
-    mean = np.add.reduceat(dt * drive.stress, cut) / h
+    mean = np.add.reduceat(computed(np.multiply, dt, drive.stress), cut) / h
     m = blocks.stop - blocks.start
     extra = 0.0 if hold == "linear" else 1.0
     return h, mean, np.searchsorted(cut, blocks.start), (m + extra) / (2.0 * m)
@@ -207,12 +218,20 @@ def _within_terms(sums, residual_means, counts, gaps, sigma, rho, white, out):
 
 def _within_sums(residual: NDArray, observed: NDArray) -> NDArray[np.float64]:
     """Sums of a residual: chain starts, later and earlier squares of neighbours, their products, pairs, chains."""
-    index = np.flatnonzero(observed)
-    r = residual[index]
-    neighbour = np.diff(index) == 1
-    later, earlier = r[1:][neighbour], r[:-1][neighbour]
-    heads = np.concatenate([r[:1], r[1:][~neighbour]])
-    return np.array([heads @ heads, later @ later, earlier @ earlier, later @ earlier, later.size, heads.size])
+    sums = np.zeros(6)
+    before, last = -2, 0.0  # row and residual that were observed last
+    for part in pieces(residual.size, BLOCK):
+        rows = np.flatnonzero(observed[part])
+        if not rows.size:
+            continue
+        r = residual[part][rows]
+        index = np.append(before, part.start + rows)
+        neighbour = np.diff(index) == 1
+        later, earlier = r[neighbour], np.append(last, r[:-1])[neighbour]
+        heads = r[~neighbour]
+        sums += [heads @ heads, later @ later, earlier @ earlier, later @ earlier, later.size, heads.size]
+        before, last = int(index[-1]), float(r[-1])
+    return sums
 
 
 @dataclass(frozen=True)
@@ -323,10 +342,10 @@ class BlockGroup:
             if residual is None:
                 records.append(record)
                 continue
-            observed = record.prepared.observed
-            masked = ~observed & np.isfinite(record.prepared.y)
-            means = block_means(np.where(np.isfinite(residual), residual, 0.0), record.blocks, masked)
-            sums = _within_sums(np.nan_to_num(residual), observed)
+            observed, masked = record.prepared.observed, masked_rows(record.prepared)
+            finite = computed(lambda r: np.where(np.isfinite(r), r, 0.0), residual)
+            means = block_means(finite, record.blocks, masked)
+            sums = _within_sums(computed(np.nan_to_num, residual), observed)
             records.append(replace(record, within=np.concatenate([sums, means])))
         return replace(self, records=tuple(records))
 

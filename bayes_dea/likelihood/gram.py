@@ -15,13 +15,15 @@ microseconds and is exact for the full record. b_r and g are integrated out exac
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.order import median
+from ..campaign.scratch import BLOCK, beside, pieces
 from ..models.lags import Drive, lag_rows
 from .basis import LagBasis
 
@@ -59,30 +61,68 @@ class RecordGram:
     rate: int = 0  # which rho belongs to this recording: one for each sampling rate of the sensor
 
 
-def step_classes(time_steps: NDArray, observed: NDArray, reference: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Class of the pair that ends at each observed row (-1: a chain starts there), steps and counts of the classes.
+@dataclass(frozen=True)
+class StepClasses:
+    """of_row (n,): class of the pair that ends at a row, -1 where a chain starts there, -2 where nothing was observed.
+
+    steps (c,) of the classes in units of the reference step, pairs (c,) how many are in each; observed: rows that were.
+    """
+
+    of_row: NDArray[np.int8]
+    steps: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    observed: int
+
+    @property
+    def chains(self) -> int:
+        """Rows at which a chain starts."""
+        return self.observed - int(self.pairs.sum())
+
+
+def step_classes(time_steps: NDArray, observed: NDArray, reference: float) -> StepClasses:
+    """Classes of the steps between observed rows; time_steps (n,) s, observed (n,) bool.
 
     Even records have one class; its exceptions (a row after a masked one) become chains of their own when they are
     rare (below 1 %), which costs less than a part in a thousand of the information. Otherwise steps are put into
     logarithmic classes.
     """
-    index = np.flatnonzero(observed)
-    elapsed = np.cumsum(time_steps)
-    gaps = np.diff(elapsed[index]) / reference
-    code = np.full(index.size, -1)
-    if gaps.size == 0:
-        return index, code, np.ones(1)
-    even = np.abs(gaps - 1) < 0.02
-    if even.mean() > 0.99:
-        code[1:][even] = 0
-        return index, code, np.ones(1)
-    low, high = math.log(gaps.min()), math.log(min(gaps.max(), 200 * np.median(gaps)))
+    of_row = beside(time_steps, np.int8)
+    n = int(np.count_nonzero(observed))
+    for part in pieces(of_row.size, BLOCK):
+        of_row[part] = np.where(observed[part], -1, -2)
+    if n < 2:
+        return StepClasses(of_row, np.ones(1), np.zeros(1, np.int64), n)
+
+    def gaps() -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Observed rows after the first one, and the steps that lie before them."""
+        elapsed, last = 0.0, None
+        for part in pieces(of_row.size, BLOCK):
+            upto = np.cumsum(np.concatenate([[elapsed], time_steps[part]]))[1:]
+            rows = np.flatnonzero(observed[part])
+            elapsed = float(upto[-1])
+            if not rows.size:
+                continue
+            at = upto[rows]
+            yield (part.start + rows)[last is None :], np.diff(at if last is None else np.append(last, at)) / reference
+            last = at[-1]
+
+    even = sum(int(np.count_nonzero(np.abs(g - 1) < 0.02)) for _, g in gaps())
+    if even / (n - 1) > 0.99:
+        for rows, g in gaps():
+            of_row[rows[np.abs(g - 1) < 0.02]] = 0
+        return StepClasses(of_row, np.ones(1), np.array([even]), n)
+    smallest = min(float(g.min()) for _, g in gaps() if g.size)
+    largest = max(float(g.max()) for _, g in gaps() if g.size)
+    low, high = math.log(smallest), math.log(min(largest, 200 * median(lambda: (g for _, g in gaps()))))
     bins = max(1, min(_MAX_CLASSES, math.ceil((high - low) / 0.1)))
-    which = np.clip(((np.log(gaps) - low) / max(high - low, 1e-12) * bins).astype(int), 0, bins - 1)
-    which[np.log(gaps) > high + 1e-9] = -1
-    code[1:] = which
-    steps = np.array([gaps[which == b].mean() if np.any(which == b) else 1.0 for b in range(bins)])
-    return index, code, steps
+    pairs, total = np.zeros(bins, np.int64), np.zeros(bins)
+    for rows, g in gaps():
+        which = np.clip(((np.log(g) - low) / max(high - low, 1e-12) * bins).astype(int), 0, bins - 1)
+        which[np.log(g) > high + 1e-9] = -1
+        of_row[rows] = which
+        pairs += [int(np.count_nonzero(which == b)) for b in range(bins)]
+        total += [float(np.sum(g[which == b])) for b in range(bins)]
+    return StepClasses(of_row, np.where(pairs > 0, total / np.maximum(pairs, 1), 1.0), pairs, n)
 
 
 def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: int = 0) -> RecordGram:
@@ -91,12 +131,10 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
     K = basis.size
     m = record.nuisance.shape[1]
     p = K + 1 + m + 1
-    index, code, steps = step_classes(d.dt, record.observed, reference_step)
-    classes = steps.size
+    steps = step_classes(d.dt, record.observed, reference_step)
+    classes = steps.steps.size
     later, earlier, cross = (np.zeros((classes, p, p)) for _ in range(3))
     first = np.zeros((p, p))
-    row_code = np.full(d.n, -2)
-    row_code[index] = code
     state = np.zeros(K) if record.start_state is None else record.start_state.copy()
     lags = np.empty((_CHUNK, K))
     carried: NDArray | None = None  # last observed row of the chunk before
@@ -109,7 +147,7 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
         F[:, K] = d.stress[start:stop]
         F[:, K + 1 : K + 1 + m] = record.nuisance[start:stop]
         F[:, -1] = record.y[start:stop]
-        code_here = row_code[start:stop]
+        code_here = steps.of_row[start:stop]
         seen = code_here > -2
         if not seen.all():
             F, code_here = F[seen], code_here[seen]
@@ -131,16 +169,15 @@ def collect(record: LinearRecord, basis: LagBasis, reference_step: float, rate: 
         heads = F[code_here == -1]
         first += heads.T @ heads
         carried = F[-1].copy()
-    pairs = np.array([int(np.sum(code == k)) for k in range(classes)])
     return RecordGram(
         first,
         later,
         earlier,
         cross,
-        int(np.sum(code == -1)),
-        pairs,
-        steps,
-        index.size,
+        steps.chains,
+        steps.pairs,
+        steps.steps,
+        steps.observed,
         record.nuisance_sd,
         state,
         record.start_state,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from ..campaign.scratch import PIECE, beside, computed, joined, pieces
 from ..errors import InputError
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive, lag_block_sums
@@ -28,7 +29,9 @@ def stroke_drive(prepared: Prepared) -> Drive:
     """Drive in m Pa: its response, times compliances in 1/Pa, is the displacement in m."""
     drive = voltage_drive(prepared.recording)
     factor = stroke_factor(prepared.recording.actuator)
-    return replace(drive, stress=drive.stress * factor, middle=drive.middle * factor)
+    stress = computed(lambda s: s * factor, drive.stress)
+    middle = stress if drive.middle is drive.stress else computed(lambda s: s * factor, drive.middle)
+    return replace(drive, stress=stress, middle=middle)
 
 
 def nuisance_sd(prepared: Prepared, terms: NoiseTerms) -> NDArray[np.float64]:
@@ -86,16 +89,19 @@ class LinearGroup:
         K = self.basis.size
         start = self.grams[p.name].start_state
         state = np.zeros(K) if start is None else start.copy()
-        weight = np.where(masked, 0.0, 1.0)
+        weight = computed(lambda m: np.where(m, 0.0, 1.0), masked)
         # rows to blocks; rows outside every block go to a last, dropped one
-        which = np.full(drive.n, blocks.n, dtype=np.int64)
+        which = beside(drive.stress, np.int64)
+        which[:] = blocks.n
         for k, (a, b) in enumerate(zip(blocks.start, blocks.stop, strict=True)):
             which[a:b] = k
-        out = np.zeros((blocks.n + 1, K + 1))
+        out = beside(drive.stress, n=(blocks.n + 1) * (K + 1)).reshape(blocks.n + 1, K + 1)
         lag_block_sums(
             drive.dt, drive.stress, drive.middle, drive.hold, self.basis.time_constants, state, which, weight, out
         )
-        return out[:-1] / blocks.count[:, None]
+        for part in pieces(blocks.n, PIECE // 8):
+            out[part] /= blocks.count[part, None]
+        return out[:-1]
 
     def total_sd(self, sigma: NDArray) -> NDArray:
         """Standard deviation of a sample with quantisation."""
@@ -133,7 +139,8 @@ def build_linear_groups(
             elif state is not None:
                 state = state * np.exp(-(p.recording.rest_before_s or 0.0) / basis.time_constants)
             record = LinearRecord(
-                drives[p.name], np.nan_to_num(p.y), p.observed, p.nuisance(), nuisance_sd(p, terms[p.name]), state
+                drives[p.name], computed(np.nan_to_num, p.y), p.observed, p.nuisance(),
+                nuisance_sd(p, terms[p.name]), state,
             )
             rate = rates.of(p)
             gram = collect(record, basis, rates.steps_s[rate], rate)
@@ -193,10 +200,10 @@ def _with_memory(members: Sequence[Prepared], drives: Mapping[str, Drive]) -> li
             before = out[-1]
             pause = [0.0, p.recording.rest_before_s or 0.0]
             drive = Drive(
-                np.concatenate([before.dt, pause, drive.dt]),
+                joined(before.dt, np.array(pause), drive.dt),
                 0.0,
-                np.concatenate([before.stress, [0.0, 0.0], drive.stress]),
-                np.concatenate([before.middle, [0.0, 0.0], drive.middle]),
+                joined(before.stress, np.zeros(2), drive.stress),
+                joined(before.middle, np.zeros(2), drive.middle),
                 drive.hold,
             )
         out.append(drive)

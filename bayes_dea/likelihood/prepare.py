@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.order import differences, median
 from ..campaign.schema import Campaign, Recording, Sensor
+from ..campaign.scratch import BLOCK, beside, computed, pieces
 from ..errors import InputError
 from ..models.electrostatics import filled_input
 
@@ -44,21 +47,39 @@ class Prepared:
     @property
     def n(self) -> int:
         """Number of observed samples."""
-        return int(self.observed.sum())
+        return int(np.count_nonzero(self.observed))
+
+    @cached_property
+    def step_s(self) -> float:
+        """Median time between rows in s."""
+        return median_step(self.recording)
 
     def signal(self) -> float:
         """Span of the observed column between its 0.1 and 99.9 % quantiles."""
-        low, high = np.quantile(self.y[self.observed][:: max(1, self.n // 200_000)], [0.001, 0.999])
+        low, high = np.quantile(self.some(200_000), [0.001, 0.999])
         return float(high - low)
+
+    def some(self, count: int) -> NDArray[np.float64]:
+        """Every k-th of the observed readings, of a recording with more than twice `count` of them; at most 2 count."""
+        every = max(1, self.n // count)
+        out, seen = [], 0
+        for part in pieces(self.y.size, BLOCK):
+            here = self.y[part][self.observed[part]]
+            out.append(here[-seen % every :: every])
+            seen += here.size
+        return np.concatenate(out)
 
     def nuisance(self) -> NDArray[np.float64]:
         """Columns that each recording adds linearly (n, m): one, and cosine and sine of each mains line."""
         t = self.recording.time_s
-        columns = [np.ones(t.size)]
-        for line in self.mains.lines if self.mains is not None else ():
-            phase = 2 * np.pi * line.frequency_Hz * (t - t[0])
-            columns += [np.cos(phase), np.sin(phase)]
-        return np.stack(columns, axis=1)
+        lines = self.mains.lines if self.mains is not None else ()
+        out = beside(t, n=t.size * (1 + 2 * len(lines))).reshape(t.size, -1)
+        for part in pieces(t.size, BLOCK):
+            out[part, 0] = 1.0
+            for k, line in enumerate(lines):
+                phase = 2 * np.pi * line.frequency_Hz * (t[part] - t[0])
+                out[part, 1 + 2 * k], out[part, 2 + 2 * k] = np.cos(phase), np.sin(phase)
+        return out
 
 
 def prepare(campaign: Campaign, recording: Recording) -> Prepared:
@@ -87,17 +108,18 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     if channel == "displacement":
         dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
     else:
-        dropouts = np.zeros(y.size, dtype=bool)
-    observed = np.isfinite(y) & ~dropouts
-    if observed.sum() < 20:
+        dropouts = beside(y, np.bool_)
+    observed = computed(lambda a, out: np.isfinite(a) & ~out, y, dropouts, dtype=np.bool_)
+    if np.count_nonzero(observed) < 20:
         raise InputError(
-            f"{recording.name}: only {int(observed.sum())} samples of {recording.output} were observed; "
+            f"{recording.name}: only {np.count_nonzero(observed)} samples of {recording.output} were observed; "
             "a recording needs at least 20"
         )
-    clean = np.where(observed, y, np.nan)
+    clean = computed(lambda a, seen: np.where(seen, a, np.nan), y, observed)
     quiet = quiet_noise(clean, drive, recording.time_s)
     mains = find_mains(clean, recording.time_s, drive)
-    return Prepared(recording, channel, sensor, y, observed, int(dropouts.sum()), mains, quiet.sd, quiet.rho)
+    masked = int(np.count_nonzero(dropouts))
+    return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho)
 
 
 def prepare_all(
@@ -130,19 +152,18 @@ class RateClasses:
 
     def of(self, prepared: Prepared) -> int:
         """Index of the class of a recording."""
-        step = median_step(prepared.recording)
-        return int(np.argmin([abs(np.log(step / s)) for s in self.steps_s]))
+        return int(np.argmin([abs(np.log(prepared.step_s / s)) for s in self.steps_s]))
 
 
 def median_step(recording: Recording) -> float:
     """Median time between rows in s."""
-    return float(np.median(np.diff(recording.time_s)))
+    return median(differences(recording.time_s))
 
 
 def rate_classes(prepared: tuple[Prepared, ...], tolerance: float = 0.2) -> RateClasses:
     """Classes of sampling steps that differ by more than `tolerance` (in the logarithm), finest first."""
     steps: list[float] = []
-    for step in sorted(median_step(p.recording) for p in prepared):
+    for step in sorted(p.step_s for p in prepared):
         if not steps or abs(np.log(step / steps[-1])) > tolerance:
             steps.append(step)
     return RateClasses(tuple(steps))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
+from ..campaign.scratch import beside
 from ..errors import InputError
 from .electrostatics import require
 from .mechanics import GKM, GKV, GM, strain_driven_kernel, stress_driven_kernel
@@ -74,13 +75,10 @@ def _strains(law_id, p, network, k, tau, d0, h, stress, jump, end):
 
 
 @nb.njit(cache=True, nogil=True)
-def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, contact, out):
+def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, contact, e, stress, material, out):
     n = k.shape[1]
     m = position.size
     state = np.empty(n + 1)
-    e = np.empty(m)
-    stress = np.empty(m)
-    material = np.empty(m)
     for b in range(p.shape[0]):
         state[:] = 0.0
         for i in range(m):
@@ -93,7 +91,7 @@ def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, con
 def strains(material: Material, h: NDArray, stress: NDArray) -> tuple[NDArray, NDArray]:
     """Strain just after the start (B, I) and at the end (B, I) of intervals h (I,) s of constant stress (I,) Pa."""
     B = len(material.law)
-    jump, end = np.empty((B, h.size)), np.empty((B, h.size))
+    jump, end = (beside(h, n=B * h.size).reshape(B, h.size) for _ in range(2))
     _strains(
         material.law_id, material.law, material.network, material.k, material.tau, material.d0, h, stress, jump, end
     )
@@ -109,7 +107,8 @@ def forces(
     true stress x total area / stretch (incompressible).
     """
     require(actuator, ("stack_height_m", "total_area_m2"), "a mechanical recording")
-    out = np.empty((len(material.law), position.size))
+    B, m = len(material.law), position.size
+    out = beside(position, n=B * m).reshape(B, m)
     _forces(
         material.law_id,
         material.law,
@@ -123,6 +122,9 @@ def forces(
         float(actuator.stack_height_m or 0.0),
         float(actuator.total_area_m2 or 0.0),
         contact,
+        beside(position),
+        beside(position),
+        beside(position),
         out,
     )
     return out

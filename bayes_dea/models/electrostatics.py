@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator, Recording
+from ..campaign.scratch import BLOCK, all_finite, beside, computed, pieces
 from ..errors import InputError
 from .lags import Drive, make_drive
 
@@ -48,14 +49,22 @@ def filled_input(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A command is held until it changes; a cell that was not recorded says nothing else.
     """
-    bad = ~np.isfinite(values)
-    if not bad.any():
+    if all_finite(values):
         return values
-    index = np.where(bad, 0, np.arange(values.size))
-    np.maximum.accumulate(index, out=index)
-    out = values[index]
-    first = np.argmax(~bad)
-    out[:first] = values[first]
+    out = beside(values)
+    last = np.nan
+    for part in pieces(values.size, BLOCK):
+        # the last finite one so far stands before the piece
+        here = np.concatenate([[last], values[part]])
+        index = np.where(np.isfinite(here), np.arange(here.size), 0)
+        out[part] = here[np.maximum.accumulate(index)][1:]
+        last = out[part.stop - 1]
+    for part in pieces(values.size, BLOCK):
+        found = np.isfinite(out[part])
+        if found.any():
+            first = part.start + int(np.argmax(found))
+            out[:first] = out[first]
+            break
     return out
 
 
@@ -63,5 +72,10 @@ def voltage_drive(recording: Recording) -> Drive:
     """Maxwell stress of a voltage recording (Pa) as a drive for the mechanical stage."""
     factor = stress_factor(recording.actuator)
     V = filled_input(recording.columns["voltage_V"])
-    middle = factor * (0.5 * (V + np.concatenate([V[:1], V[:-1]]))) ** 2 if recording.hold == "linear" else None
-    return make_drive(recording.time_s, factor * V**2, recording.hold, middle)
+    middle = None
+    if recording.hold == "linear":
+        middle = beside(V)
+        for part in pieces(V.size, BLOCK):
+            before = V[np.maximum(np.arange(part.start - 1, part.stop - 1), 0)]
+            middle[part] = factor * (0.5 * (V[part] + before)) ** 2
+    return make_drive(recording.time_s, computed(lambda v: factor * v**2, V), recording.hold, middle)

@@ -19,6 +19,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.scratch import BLOCK, beside, pieces
 from ..errors import InputError
 
 HOLD_CODES = {"end": 0, "start": 0, "linear": 2}  # a start is an end one row later
@@ -58,8 +59,11 @@ def even_step(time_s: NDArray[np.float64], tolerance: float = 2e-3) -> float:
     if n < 3:
         return 0.0
     step = (time_s[-1] - time_s[0]) / (n - 1)
-    ideal = time_s[0] + step * np.arange(n)
-    return float(step) if np.max(np.abs(time_s - ideal)) <= tolerance * step else 0.0
+    for part in pieces(n, BLOCK):
+        ideal = time_s[0] + step * np.arange(part.start, part.stop)
+        if not np.max(np.abs(time_s[part] - ideal)) <= tolerance * step:
+            return 0.0
+    return float(step)
 
 
 def make_drive(time_s: NDArray, stress: NDArray, hold: str, middle: NDArray | None = None) -> Drive:
@@ -71,16 +75,21 @@ def make_drive(time_s: NDArray, stress: NDArray, hold: str, middle: NDArray | No
         raise InputError(f"hold = '{hold}' is unknown; one of {', '.join(HOLD_CODES)}")
     time_s = np.ascontiguousarray(time_s, float)
     stress = np.ascontiguousarray(stress, float)
-    dt = np.diff(time_s, prepend=time_s[0])
-    if np.any(dt[1:] <= 0):
-        row = int(np.argmax(dt[1:] <= 0)) + 1
-        raise InputError(f"time does not rise at sample {row}: {time_s[row - 1]} s, then {time_s[row]} s")
+    dt = beside(time_s)
+    for part in pieces(max(time_s.size - 1, 0), BLOCK):
+        here = np.diff(time_s[part.start : part.stop + 1])
+        if np.any(here <= 0):
+            row = part.start + int(np.argmax(here <= 0)) + 1
+            raise InputError(f"time does not rise at sample {row}: {time_s[row - 1]} s, then {time_s[row]} s")
+        dt[part.start + 1 : part.stop + 1] = here
     step = even_step(time_s)
     if step > 0:
         dt[1:] = step
     if hold == "start":
         # what acts until a row is the input of the row before; before the first one nothing did
-        stress = np.concatenate([[0.0], stress[:-1]])
+        late = beside(stress)
+        late[1:] = stress[:-1]
+        stress = late
     if middle is None:
         middle = stress
     return Drive(dt, step, stress, np.ascontiguousarray(middle, float), HOLD_CODES[hold])
@@ -233,12 +242,12 @@ def lag_block_sums(dt, s, middle, hold, T, f, which, weight, out):
 
 
 def simulate_modes(
-    drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None
+    drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None, out: NDArray | None = None
 ) -> tuple[NDArray, NDArray]:
-    """Strain (n,) of a network in modes form under `drive`, and the lag states (m,) at its end."""
+    """Strain (n,) of a network in modes form under `drive`, into `out` if given, and the lag states (m,) at its end."""
     c = np.ascontiguousarray(c, float)
     T = np.ascontiguousarray(T, float)
-    out = np.empty(drive.n)
+    out = beside(drive.stress) if out is None else out
     f0 = np.zeros(T.size) if state is None else np.ascontiguousarray(state, float)
     end = respond(drive.dt, drive.uniform, drive.stress, drive.middle, drive.hold, float(D), c, T, f0, out)
     return out, end

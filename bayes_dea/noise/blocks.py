@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.scratch import beside, computed, kept
 from bayes_dea.errors import InputError
 from bayes_dea.noise.edges import find_edges, input_noise
 
@@ -79,28 +81,26 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     s = settings or BlockSettings()
     t = np.ascontiguousarray(time_s, dtype=float)
     v = np.ascontiguousarray(u, dtype=float)
-    masked = np.zeros(t.size, dtype=np.bool_) if mask is None else np.ascontiguousarray(mask, dtype=np.bool_)
-    data = np.zeros(t.size) if y is None else np.asarray(y, dtype=float)
+    masked = beside(t, np.bool_) if mask is None else np.ascontiguousarray(mask, dtype=np.bool_)
+    data = t if y is None else np.asarray(y, dtype=float)
     if not t.shape == v.shape == masked.shape == data.shape or t.ndim != 1:
         raise InputError(f"blocks: time, input, data and mask must be rows of one length, got {t.shape}, "
                          f"{v.shape}, {data.shape}, {masked.shape}; check the columns of the recording")
-    good = np.isfinite(t) & np.isfinite(v) & np.isfinite(data)
+    good = computed(lambda a, b, c: np.isfinite(a) & np.isfinite(b) & np.isfinite(c), t, v, data, dtype=np.bool_)
     if min(s.per_decade, s.longest_s, s.input_share) <= 0 or min(s.single_after_edge, s.single_before_edge) < 0:
         raise InputError(f"blocks: settings must be positive, got {s}")
-    edge = np.zeros(t.size, dtype=np.bool_)
-    at = find_edges(np.where(good, v, np.nan))
+    edge, alone = beside(t, np.bool_), beside(t, np.bool_)
+    finite = kept(v, good)
+    at = find_edges(v if finite is v else computed(lambda a, g: np.where(g, a, np.nan), v, good))
     if kinks is not None:
         at = np.union1d(at, np.asarray(kinks, dtype=np.int64))
     edge[at] = True
-    alone = np.zeros(t.size, dtype=np.bool_)
     for k in range(1, s.single_before_edge + 1):
         alone[np.maximum(np.asarray(at) - k, 0)] = True
-    finite = v[good]
     spread = float(finite.max() - finite.min()) if finite.size else 0.0
     # a measured input scatters: what its noise does must not cut blocks
     tolerance = max(s.input_share * spread, 8.0 * input_noise(finite)) if spread > 0 else math.inf
-    steps = np.diff(t[good])
-    step = float(np.median(steps)) if steps.size else 1.0
+    step = median(differences(t, good)) if finite.size > 1 else 1.0
     start, stop = _cut(t, v, good, edge, alone, tolerance, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
                        s.single_after_edge, step)
     count = _counts(masked, start, stop)
@@ -188,7 +188,7 @@ def block_means(x: ArrayLike, blocks: Blocks, mask: ArrayLike | None = None) -> 
     """
     a = np.asarray(x, dtype=float)
     flat = np.ascontiguousarray(a.reshape(-1, a.shape[-1]))
-    masked = np.zeros(a.shape[-1], np.bool_) if mask is None else np.ascontiguousarray(mask, np.bool_)
+    masked = beside(flat[0], np.bool_) if mask is None else np.ascontiguousarray(mask, np.bool_)
     return _means(flat, masked, blocks.start, blocks.stop).reshape(*a.shape[:-1], blocks.n)
 
 

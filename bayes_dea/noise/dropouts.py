@@ -6,7 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_dea.noise.edges import find_edges
+from bayes_dea.campaign.order import of, quantiles
+from bayes_dea.campaign.scratch import BLOCK, beside, copied, pieces, rows_where
+from bayes_dea.noise.edges import dense, find_edges
 
 #: half-width in samples of the one-sided windows that give the local scale
 _LOCAL = 25
@@ -37,88 +39,83 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
         that occurs in y.
     """
     values = np.asarray(y, dtype=float)
-    mask = np.zeros(values.size, dtype=np.bool_)
-    good = np.flatnonzero(np.isfinite(values))
-    if good.size < 2 * _LOCAL + 1:
+    mask = beside(values, np.bool_)
+    x, good = dense(np.ascontiguousarray(values))
+    if x.size < 2 * _LOCAL + 1:
         return mask
-    x = np.ascontiguousarray(values[good])
-    edges = np.unique(np.searchsorted(good, find_edges(u)))
+    edges = find_edges(u)
+    if good is not None:
+        edges = np.unique(np.searchsorted(good, edges))
     edges = edges[edges < x.size].astype(np.int64)
-    floor = max(1e-3 * float(np.quantile(x, 0.999) - np.quantile(x, 0.001)),
-                3.0 * (_smallest_step(x) if resolution is None else resolution))
-    far = np.full(x.size, x.size, dtype=np.int64)  # rows since the last edge
-    if edges.size:
-        far[edges[0]:] = _since(x.size, edges)[edges[0]:]
-    found = np.zeros(x.size, dtype=np.bool_)
+    low, high = quantiles(of(x), [0.001, 0.999])
+    floor = max(1e-3 * (high - low), 3.0 * (_smallest_step(x) if resolution is None else resolution))
+    found = np.empty(0, dtype=np.int64)
     for side in (3, 9):
-        clean = _bridge(x, found)
-        new = _pass(clean, side, threshold, floor)
-        if side > 3 and edges.size:
+        new = _pass(bridged(x, found), side, threshold, floor)
+        if side > 3 and edges.size and new.size:
             # a short pulse of the input looks like a run
-            new &= ~_near(x.size, edges, side + 3)
-        found |= new
-    if edges.size and found.any():
-        found &= ~_systematic(found, far, edges.size)
-    mask[good] = found
+            reach = np.searchsorted(edges, new + side + 3, side="right") > np.searchsorted(edges, new - side - 3)
+            new = new[~reach]
+        found = np.union1d(found, new)
+    if edges.size and found.size:
+        found = found[~_systematic(found, edges)]
+    mask[found if good is None else good[found]] = True
     return mask
 
 
 def _smallest_step(x: NDArray[np.float64]) -> float:
     """Quantisation step of data that repeat values, else 0."""
     change = np.abs(np.diff(x[:20_000]))
-    moved = change[change > 1e-9 * float(np.max(np.abs(x)) or 1.0)]
+    moved = change[change > 1e-9 * (max(float(x.max()), -float(x.min())) or 1.0)]
     if moved.size == 0 or moved.size > 0.98 * change.size:
         return 0.0
     return float(moved.min())
 
 
-def _since(n: int, edges: NDArray[np.int64]) -> NDArray[np.int64]:
-    start = np.zeros(n, dtype=np.int64)
-    start[edges] = edges
-    return np.arange(n) - np.maximum.accumulate(start)
-
-
-def _near(n: int, edges: NDArray[np.int64], reach: int) -> NDArray[np.bool_]:
-    near = np.zeros(n, dtype=np.bool_)
-    for offset in range(-reach, reach + 1):
-        near[np.clip(edges + offset, 0, n - 1)] = True
-    return near
-
-
-def _systematic(found: NDArray[np.bool_], far: NDArray[np.int64], n_edges: int,
-                reach: int = 60) -> NDArray[np.bool_]:
-    """Finds that come at one lag after a twelfth of the edges, or right at an edge where edges are few."""
-    lag = np.where(found & (far < reach), far, reach)
+def _systematic(found: NDArray[np.int64], edges: NDArray[np.int64], reach: int = 60) -> NDArray[np.bool_]:
+    """Which finds come at one lag after a twelfth of the edges, or right at an edge where edges are few."""
+    last = np.searchsorted(edges, found, side="right") - 1
+    since = np.where(last >= 0, found - edges[np.maximum(last, 0)], reach)
+    lag = np.minimum(since, reach)
     counts = np.bincount(lag, minlength=reach + 1)[:reach]
     often = np.zeros(reach + 1, dtype=np.bool_)
     # an answer to the input may shift by a sample from edge to edge
     spread = np.convolve(counts, np.ones(3), mode="same")
-    often[:reach] = spread > max(3.0, 0.08 * n_edges)
-    if n_edges < 10:
+    often[:reach] = spread > max(3.0, 0.08 * edges.size)
+    if edges.size < 10:
         often[:3] = True
-    return often[lag]
+    return np.asarray(often[lag])
 
 
-def _bridge(x: NDArray[np.float64], found: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """The data with what was found replaced by straight lines."""
-    if not found.any():
+def bridged(x: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """A column (n,) in which some rows, rising, are replaced by straight lines between those beside them."""
+    if not rows.size or rows.size == x.size:
         return x
-    rows = np.arange(x.size)
-    return np.interp(rows, rows[~found], x[~found])
+    first = np.diff(rows, prepend=-2) > 1
+    last = np.append(first[1:], True)
+    ends = np.concatenate([rows[first] - 1, rows[last] + 1])
+    ends = np.unique(ends[(ends >= 0) & (ends < x.size)])
+    out = copied(x)
+    out[rows] = np.interp(rows, ends, x[ends])
+    return out
 
 
-def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> NDArray[np.bool_]:
-    medians = _running_median(x, side)
+def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> NDArray[np.int64]:
+    medians = beside(x)
+    _running_median(x, side, medians)
     # window of `side` samples that ends just before, or begins just after, each sample
     shift = side // 2 + 1
-    before, after = _shifted(medians, shift), _shifted(medians, -shift)
-    size = np.abs(x - 0.5 * (before + after))
+    size, difference = beside(x), beside(x)
+    for part in pieces(x.size, BLOCK):
+        before, after = _shifted(medians, shift, part), _shifted(medians, -shift, part)
+        size[part] = np.abs(x[part] - 0.5 * (before + after))
+        difference[part] = before - after
     typical = _typical(size)
-    out = np.zeros(x.size, dtype=np.bool_)
-    candidates = np.flatnonzero(size > max(threshold * typical, floor))
-    if candidates.size:
-        _judge(candidates, x, medians, size, before - after, threshold, typical, floor, side, out)
-    return out
+    limit = max(threshold * typical, floor)
+    candidates = rows_where(lambda s: s > limit, size)
+    keep = np.zeros(candidates.size, dtype=np.bool_)
+    _judge(candidates, x, medians, size, difference, threshold, typical, floor, side, keep)
+    return candidates[keep]
 
 
 def _typical(size: NDArray[np.float64]) -> float:
@@ -129,22 +126,16 @@ def _typical(size: NDArray[np.float64]) -> float:
     return 1.4826 * float(np.quantile(np.median(blocks, axis=1), 0.45))
 
 
-def _shifted(a: NDArray[np.float64], k: int) -> NDArray[np.float64]:
-    """a moved by k samples to the right, ends filled with the nearest value."""
-    out = np.empty_like(a)
-    if k > 0:
-        out[k:], out[:k] = a[:-k], a[0]
-    else:
-        out[:k], out[k:] = a[-k:], a[-1]
-    return out
+def _shifted(a: NDArray[np.float64], k: int, part: slice) -> NDArray[np.float64]:
+    """A part of a moved by k samples to the right, ends filled with the nearest value."""
+    return a[np.clip(np.arange(part.start - k, part.stop - k), 0, a.size - 1)]
 
 
 @njit(cache=True)
-def _running_median(x, width):
-    """Median of `width` (odd) samples centred on each; windows are cut at the ends."""
+def _running_median(x, width, out):
+    """Median of `width` (odd) samples centred on each, into out; windows are cut at the ends."""
     n = x.size
     half = width // 2
-    out = np.empty(n)
     window = np.empty(width)
     for i in range(n):
         if half <= i < n - half and width == 3:
@@ -174,7 +165,6 @@ def _running_median(x, width):
             m = high - low
             window[:m] = np.sort(x[low:high])
             out[i] = window[m // 2]
-    return out
 
 
 @njit(cache=True)
@@ -183,7 +173,8 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
     shift = side // 2 + 1
     reach = shift + side
     stretch = shift / side
-    for c in candidates:
+    for i in range(candidates.size):
+        c = candidates[i]
         if c < reach or c >= n - reach:
             continue  # too few neighbours on one side: nothing can be said
         # slope: typical difference of the sides around here
@@ -205,4 +196,4 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
         if max(back, ahead) > 1.5 * typical:
             scale = max(back, ahead)
         if outside > threshold * scale:
-            out[c] = True
+            out[i] = True

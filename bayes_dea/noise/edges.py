@@ -5,6 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayes_dea.campaign.order import quantiles
+from bayes_dea.campaign.scratch import BLOCK, computed, kept, numbered, pieces
+
+Array = NDArray[np.float64]
+
+
+def dense(x: Array) -> tuple[Array, NDArray[np.int64] | None]:
+    """The finite cells of a column (n,), and their rows; None where all are finite."""
+    good = computed(np.isfinite, x, dtype=np.bool_)
+    if np.count_nonzero(good) == x.size:
+        return x, None
+    return kept(x, good), numbered(good)
+
 
 def input_noise(u: ArrayLike) -> float:
     """Robust sd of the scatter of an input (0 for a command), from its second differences.
@@ -12,12 +25,12 @@ def input_noise(u: ArrayLike) -> float:
     Second differences of noise of sd s have sd sqrt(6) s, those of slow inputs vanish. The lower quartile
     of their size is used, so that an input that moves half the time does not count as noisy.
     """
-    x = np.asarray(u, dtype=float)
-    x = x[np.isfinite(x)]
+    x, _ = dense(np.asarray(u, dtype=float))
     if x.size < 8:
         return 0.0
-    second = np.abs(np.diff(x, n=2))
-    return float(np.quantile(second, 0.25) / (0.3186393639643752 * np.sqrt(6.0)))
+    # a piece of second differences needs two rows more
+    (low,) = quantiles(lambda: (np.abs(np.diff(x[p.start:p.stop + 2], n=2)) for p in pieces(x.size - 2, BLOCK)), [0.25])
+    return float(low / (0.3186393639643752 * np.sqrt(6.0)))
 
 
 def find_edges(u: ArrayLike, share: float = 0.02, contrast: float = 4.0, reach: int = 4) -> NDArray[np.int64]:
@@ -35,22 +48,31 @@ def find_edges(u: ArrayLike, share: float = 0.02, contrast: float = 4.0, reach: 
     -------
     Rising int64 array of indices in 1..n-1.
     """
-    x = np.asarray(u, dtype=float)
-    good = np.flatnonzero(np.isfinite(x))
-    if good.size < 2:
+    v, rows = dense(np.asarray(u, dtype=float))
+    if v.size < 2:
         return np.empty(0, dtype=np.int64)
-    v = x[good]
-    change = np.abs(np.diff(v))
     low, high = float(v.min()), float(v.max())
     if high == low:
         return np.empty(0, dtype=np.int64)
-    candidates = np.flatnonzero(change > max(share * (high - low), 8 * input_noise(v)))
-    if candidates.size == 0:
-        return np.empty(0, dtype=np.int64)
+    limit = max(share * (high - low), 8 * input_noise(v))
+    found = [np.empty(0, dtype=np.int64)]
+    # of a long fast input most rows may be candidates
+    for part in pieces(v.size - 1, BLOCK):
+        candidates = part.start + np.flatnonzero(np.abs(np.diff(v[part.start:part.stop + 1])) > limit)
+        if candidates.size:
+            found.append(candidates[_jumps(v, candidates, contrast, reach)])
+    at = np.concatenate(found) + 1
+    return at if rows is None else rows[at]
+
+
+def _jumps(v: Array, candidates: NDArray[np.int64], contrast: float, reach: int) -> NDArray[np.bool_]:
+    """Which changes v[i + 1] - v[i] at some rows i stand out of their neighbours."""
+    changes = v.size - 1
     offsets = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
     around = candidates[:, None] + offsets
-    inside = (around >= 0) & (around < change.size)
-    sizes = np.where(inside, change[np.clip(around, 0, change.size - 1)], np.nan)
+    inside = (around >= 0) & (around < changes)
+    beside = np.clip(around, 0, changes - 1)
+    sizes = np.where(inside, np.abs(v[beside + 1] - v[beside]), np.nan)
     # each side alone: in a rectangle of few samples a half-period the other edge is a neighbour
     quiet = np.full(candidates.size, np.inf)
     for side in (slice(0, reach), slice(reach, 2 * reach)):
@@ -58,4 +80,4 @@ def find_edges(u: ArrayLike, share: float = 0.02, contrast: float = 4.0, reach: 
         there = inside[:, side].any(axis=1)
         quiet[there] = np.minimum(quiet[there], np.nanmedian(sizes[there, side], axis=1))
     quiet[np.isinf(quiet)] = 0.0
-    return good[candidates[change[candidates] > contrast * quiet] + 1].astype(np.int64)
+    return np.asarray(np.abs(v[candidates + 1] - v[candidates]) > contrast * quiet)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_dea.noise.edges import input_noise
+from bayes_dea.campaign.scratch import BLOCK, beside, pieces
+from bayes_dea.noise.edges import dense, input_noise
 
 
 def find_kinks(u: ArrayLike, *, widths: tuple[int, ...] = (32, 128), threshold: float = 8.0) -> NDArray[np.int64]:
@@ -16,35 +17,38 @@ def find_kinks(u: ArrayLike, *, widths: tuple[int, ...] = (32, 128), threshold: 
     beyond `threshold` of those, is a kink. Short windows place it, longer ones add what they alone can see. Without
     scatter there are none to report: such a column needs no blocks. Rows that are not finite are bridged.
     """
-    x = np.asarray(u, dtype=float)
-    good = np.flatnonzero(np.isfinite(x))
-    noise = input_noise(x)
+    v, rows = dense(np.asarray(u, dtype=float))
+    noise = input_noise(v)
     found = np.empty(0, dtype=np.int64)
     if noise <= 0:
         return found
-    v = x[good]
     for w in widths:
-        if good.size >= 4 * w:
+        if v.size >= 4 * w:
             new = _at_width(v, noise, w, threshold)
             seen = found.size and np.abs(new[:, None] - found[None, :]).min(axis=1) < 2 * w
             found = np.sort(np.concatenate([found, new[~np.asarray(seen, dtype=bool)] if found.size else new]))
-    return good[np.minimum(found, good.size - 1)]
+    at = np.minimum(found, v.size - 1)
+    return at if rows is None else rows[at]
 
 
 def _at_width(v: NDArray[np.float64], noise: float, w: int, threshold: float) -> NDArray[np.int64]:
-    total = np.concatenate([[0.0], np.cumsum(v - v[0])])
-    mean = (total[w:] - total[:-w]) / w  # of rows i .. i + w - 1
-    bend = np.abs(mean[2 * w :] - 2 * mean[w:-w] + mean[: -2 * w])  # centred on row i + 3 w / 2
+    total = beside(v, n=v.size + 1)
+    for part in pieces(v.size, BLOCK):
+        sums = np.concatenate([total[part.start : part.start + 1], v[part] - v[0]])
+        total[part.start + 1 : part.stop + 1] = np.cumsum(sums)[1:] if part.start else np.cumsum(sums[1:])
     limit = threshold * noise * np.sqrt(6.0 / w)
-    found = []
-    i = 0
-    while i < bend.size:
-        if bend[i] <= limit:
-            i += 1
-            continue
-        stop = i
-        while stop < bend.size and bend[stop] > limit:
-            stop += 1
-        found.append(i + int(np.argmax(bend[i:stop])) + (3 * w) // 2)
-        i = stop
-    return np.array(found, dtype=np.int64)
+    bend = beside(v, n=v.size - 3 * w + 1)
+    starts, stops = [], []
+    before = False
+    for part in pieces(bend.size, BLOCK):
+        sums = total[part.start : part.stop + 3 * w]
+        mean = (sums[w:] - sums[:-w]) / w  # of rows i .. i + w - 1
+        bend[part] = np.abs(mean[2 * w :] - 2 * mean[w:-w] + mean[: -2 * w])  # centred on row i + 3 w / 2
+        beyond = np.concatenate([[before], bend[part] > limit])
+        turn = np.flatnonzero(beyond[1:] != beyond[:-1])
+        starts.append(part.start + turn[beyond[turn + 1]])
+        stops.append(part.start + turn[~beyond[turn + 1]])
+        before = bool(beyond[-1])
+    first = np.concatenate(starts)
+    last = np.concatenate([*stops, [bend.size] if before else []]).astype(np.int64)
+    return np.array([i + int(np.argmax(bend[i:j])) + (3 * w) // 2 for i, j in zip(first, last, strict=True)], np.int64)

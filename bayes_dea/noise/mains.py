@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayes_dea.campaign.order import differences, median, of
+from bayes_dea.campaign.scratch import BLOCK, all_finite, beside, computed, kept, pieces
+
 Array = NDArray[np.float64]
+#: rows first .. stop - 1 of a column
+_Rows = Callable[[int, int], Array]
 
 #: how far the grid and the clock of the recording may be off, relative
 _TOLERANCE = 0.01
@@ -64,7 +70,8 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
     segments (Welch) of 16 s, and again of 128 s: short ones find a line that wanders, long ones a weak one.
     Power in a line's band (+-1 %) is held against the median of its surroundings, which is what a coloured
     spectrum has there; the false-alarm probability is that of an F ratio, times the number of bins, bands
-    and lengths tried. The strongest line gives the frequency, by demodulation of the whole record.
+    and lengths tried. The strongest line gives the frequency, by demodulation of the whole record. Segments
+    hold a million samples at most.
 
     A line counts as the drive's where u or u^2, times the gain that y shows at their strongest lines,
     explains a tenth of it; where the drive is periodic and the line one of its multiples, it must also
@@ -84,13 +91,15 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
     step = (t[-1] - t[0]) / (t.size - 1)
     if 0.5 / step < 50 * (1 + _TOLERANCE) or t[-1] - t[0] < 0.5:
         return None  # fewer than 25 periods, or a band that cannot be seen
-    d = _cut_peaks(np.diff(x))
+    d = _cut_peaks(x)
     seconds = d.size * step
-    lengths = [length for length in _SEGMENTS_S if seconds > 1.5 * length] or [seconds]
+    # of a fast sampler they are shorter, as a segment is held in memory
+    longest = max(BLOCK * step, 0.5)
+    lengths = sorted({min(s, longest) for s in _SEGMENTS_S if seconds > 1.5 * min(s, longest)}) or [seconds]
     trials = len(lengths) * sum(_harmonics(base, step) for base in (50.0, 60.0))
     best: _Hits | None = None
     for length in lengths:
-        spectrum = _welch(d, step, length)
+        spectrum = _welch(lambda first, stop: d[first:stop], d.size, step, length)
         found = {base: _lines(base, spectrum, trials, false_alarm, step) for base in (50.0, 60.0)}
         if u is not None and any(found.values()):
             drive = _drive(u, np.asarray(time_s, dtype=float), t, spectrum, step, length)
@@ -137,40 +146,59 @@ def _harmonics(base: float, step: float) -> int:
 
 def _even(t: Array, y: Array, mask: ArrayLike | None) -> tuple[Array, Array]:
     """Recording on even steps, without nan."""
-    good = np.isfinite(t) & np.isfinite(y)
+    good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), t, y, dtype=np.bool_)
     if mask is not None:
         good &= ~np.asarray(mask, dtype=bool)
-    if good.sum() < 64:
+    if np.count_nonzero(good) < 64:
         return np.empty(0), np.empty(0)
-    tg, yg = t[good], y[good]
-    steps = np.diff(tg)
-    step = float(np.median(steps))
-    if good.all() and float(np.max(np.abs(steps - step))) < 0.05 * step:
+    tg, yg = kept(t, good), kept(y, good)
+    step = median(differences(tg))
+    if tg is t and max(float(np.max(np.abs(d - step))) for d in differences(tg)()) < 0.05 * step:
         return tg, yg
-    grid = tg[0] + step * np.arange(int((tg[-1] - tg[0]) / step) + 1)
-    return grid, np.interp(grid, tg, yg)
+    grid = beside(tg, n=int((tg[-1] - tg[0]) / step) + 1)
+    for part in pieces(grid.size, BLOCK):
+        grid[part] = tg[0] + step * np.arange(part.start, part.stop)
+    return grid, _at(grid, tg, yg)
 
 
-def _cut_peaks(d: Array) -> Array:
-    middle = float(np.median(d))
-    scale = 1.4826 * float(np.median(np.abs(d - middle)))
+def _at(grid: Array, t: Array, y: Array) -> Array:
+    """Straight lines through (t, y) at the times of a grid (n,)."""
+    out = beside(grid)
+    for part in pieces(grid.size, BLOCK):
+        # only what lies around: of all that is given numpy takes every slope
+        low, high = np.searchsorted(t, [grid[part.start], grid[part.stop - 1]])
+        near = slice(max(int(low) - 2, 0), int(high) + 2)
+        out[part] = np.interp(grid[part], t[near], y[near])
+    return out
+
+
+def _cut_peaks(x: Array) -> Array:
+    """Differences of x, less their median, within six robust sds."""
+    d = beside(x, n=x.size - 1)
+    for part in pieces(d.size, BLOCK):
+        d[part] = np.diff(x[part.start:part.stop + 1])
+    middle = median(of(d))
+    scale = 1.4826 * median(of(d, lambda piece: np.abs(piece - middle)))
     if scale == 0:
-        scale = float(np.std(d))
-    return np.clip(d - middle, -6 * scale, 6 * scale)
+        mean = sum(float(np.sum(d[part])) for part in pieces(d.size, BLOCK)) / d.size
+        scale = math.sqrt(sum(float(np.sum((d[part] - mean) ** 2)) for part in pieces(d.size, BLOCK)) / d.size)
+    for part in pieces(d.size, BLOCK):
+        d[part] = np.clip(d[part] - middle, -6 * scale, 6 * scale)
+    return d
 
 
-def _welch(d: Array, step: float, seconds: float) -> _Spectrum:
+def _welch(rows: _Rows, n: int, step: float, seconds: float) -> _Spectrum:
     """Mean power of Hann segments with half overlap; about two degrees of freedom a segment and bin."""
     from scipy import fft
 
     # segments of nearly the wished length that tile the record
-    number = max(1, round(2 * d.size * step / seconds) - 1)
-    length = fft.prev_fast_len(2 * d.size // (number + 1), real=True)
-    starts = np.linspace(0, d.size - length, number).astype(int)
+    number = max(1, round(2 * n * step / seconds) - 1)
+    length = fft.prev_fast_len(2 * n // (number + 1), real=True)
+    starts = np.linspace(0, n - length, number).astype(int)
     window = np.hanning(length + 1)[:-1]
     total = np.zeros(length // 2 + 1)
     for first in starts:
-        piece = fft.rfft(d[first:first + length] * window)
+        piece = fft.rfft(rows(first, first + length) * window)
         total += piece.real**2 + piece.imag**2
     # neighbouring Hann segments at half overlap correlate with (1/6)^2 in power
     dof = 2.0 * number / (1.0 + 2.0 / 36.0 * (number > 1))
@@ -187,18 +215,20 @@ class _Drive:
 def _drive(u: ArrayLike, time: Array, grid: Array, spectrum: _Spectrum, step: float,
            seconds: float) -> _Drive:
     v = np.asarray(u, dtype=float)
-    good = np.isfinite(v) & np.isfinite(time)
-    if good.sum() < 2:
+    good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), v, time, dtype=np.bool_)
+    if np.count_nonzero(good) < 2:
         return _Drive(0.0, (), ())
-    on_grid = v if v.size == grid.size and good.all() else np.interp(grid, time[good], v[good])
-    if np.ptp(on_grid) == 0:
+    on_grid = v if v.size == grid.size and all_finite(v) and all_finite(time) else _at(
+        grid, kept(time, good), kept(v, good))
+    if on_grid.max() == on_grid.min():
         return _Drive(0.0, (), ())
     power, strongest, fundamental = [], [], 0.0
-    for k, signal in enumerate((on_grid, on_grid * on_grid)):
-        p = _welch(np.diff(signal), step, seconds).p
+    for k in (1, 2):
+        p = _welch(lambda first, stop, k=k: np.diff(on_grid[first:stop + 1]**k),  # type: ignore[misc]
+                   on_grid.size - 1, step, seconds).p
         power.append(p)
         strongest.append(np.argsort(p)[-6:])
-        if k == 0:
+        if k == 1:
             # periodic: lines far above what lies between them; the lowest is the fundamental
             lines = np.flatnonzero((p > 0.02 * p[2:].max()) & (p > 100 * np.median(p)))
             if lines.size:
@@ -278,8 +308,11 @@ def _refine(hits: _Hits, d: Array, t: Array, step: float) -> Mains:
     chunk = max(1, round(0.5 / step))
     fine, coherent = _fine_frequency(d, step, _peak(f, p, strongest[1]), chunk)
     fundamental = fine / strongest[0]
-    window = np.hanning(d.size + 2)[1:-1]
-    shaped = window * d
+    shaped = beside(d)
+    for part in pieces(d.size, BLOCK):
+        # rows of np.hanning(d.size + 2) without its ends
+        shaped[part] = d[part] * (0.5 + 0.5 * np.cos(np.pi * (2.0 * np.arange(part.start, part.stop) + 1 - d.size)
+                                                     / (d.size + 1)))
     window_sum, window_squares = 0.5 * (d.size + 1), 0.375 * (d.size + 1)
     segment_squares = 0.375 * 2 * (p.size - 1)
     lines = []
@@ -303,8 +336,10 @@ def _demodulate(d: Array, step: float, w: float, chunk: int) -> tuple[NDArray[np
     """Sums of d exp(-i w t) over chunks, t from the first sample; the exponential is taken once a chunk."""
     n = d.size // chunk
     carrier = np.exp(-1j * w * step * np.arange(chunk))
-    rows = d[:n * chunk].reshape(n, chunk)
-    sums = rows @ carrier.real + 1j * (rows @ carrier.imag)
+    sums = np.empty(n, np.complex128)
+    for part in pieces(n, max(1, BLOCK // chunk)):
+        rows = d[part.start * chunk:part.stop * chunk].reshape(-1, chunk)
+        sums[part] = rows @ carrier.real + 1j * (rows @ carrier.imag)
     return sums * np.exp(-1j * w * step * chunk * np.arange(n)), n
 
 

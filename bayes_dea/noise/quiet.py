@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
 from bayes_dea.noise.edges import input_noise
 
 Array = NDArray[np.float64]
@@ -45,7 +47,7 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     """
     values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
     t = np.asarray(time_s, dtype=float)
-    good = np.isfinite(values) & np.isfinite(drive) & np.isfinite(t)
+    good = computed(lambda a, b, c: np.isfinite(a) & np.isfinite(b) & np.isfinite(c), values, drive, t, dtype=np.bool_)
     if mask is not None:
         masked = np.asarray(mask, dtype=bool)
         # drop-outs are bridged: one missing reading must not end a stretch
@@ -53,18 +55,17 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
             rows = np.arange(values.size)
             use = good & ~masked
             values = np.where(masked & good, np.interp(rows, rows[use], values[use]), values)
-    finite = drive[good]
-    steps = np.diff(t[good])
+    finite = kept(drive, good)
     if finite.size < 64:
-        return _without_rest(values[good])
-    step = float(np.median(steps))
-    tolerance = max(0.005 * float(np.ptp(finite)), 8 * input_noise(finite))
+        return _without_rest(kept(values, good))
+    step = median(differences(t, good))
+    tolerance = max(0.005 * float(finite.max() - finite.min()), 8 * input_noise(finite))
     settle = round(settle_s / step) if step > 0 else 0
     for width in (256, 128, 64):
         starts = _windows(drive, good, tolerance, width, max(settle, width))
         if starts.size >= 8 or (width == 64 and starts.size):
             return _from_windows(values, starts, width)
-    return _without_rest(values[good])
+    return _without_rest(kept(values, good))
 
 
 @njit(cache=True)
@@ -151,9 +152,10 @@ def _without_rest(y: Array) -> QuietNoise:
     nothing = np.full(LAGS + 1, np.nan)
     if y.size < 16:
         return QuietNoise(float("nan"), 0.0, nothing, 0, ("too few rows to estimate the noise",))
-    fourth = np.diff(y, n=4)
+    # a piece of fourth differences needs four rows more
+    size = median(lambda: (np.abs(np.diff(y[p.start:p.stop + 4], n=4)) for p in pieces(y.size - 4, BLOCK)))
     # variance of a fourth difference of white noise: 1 + 16 + 36 + 16 + 1
-    sd = 1.4826 * float(np.median(np.abs(fourth))) / np.sqrt(70.0)
+    sd = 1.4826 * size / np.sqrt(70.0)
     return QuietNoise(sd, 0.0, nothing, 0,
                       ("no stretch of constant input is long enough; the noise was estimated from "
                        "differences as if it were white: record a rest before the first edge",))
