@@ -54,6 +54,9 @@ _NAMES = {
     "follow_bench": "live.run",
     "LiveSettings": "live.run",
     "import_files": "importing.run",
+    "redo_paper": "paper.run",
+    "Paper": "paper.run",
+    "PaperSettings": "paper.run",
     "write_report": "report.page",
     "load_posterior": "store",
     "inference_data": "store",
@@ -88,6 +91,7 @@ if TYPE_CHECKING:
     from .mismatch.diagnosis import Diagnosis, DiagnosisSettings, diagnose
     from .models.model import Model, build_model
     from .models.networks import gkv_to_gm, gm_to_gkv
+    from .paper.run import Paper, PaperSettings, redo_paper
     from .prediction.answer import predict
     from .prediction.command import command_for
     from .prediction.result import SignalPrediction

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from . import __version__
-from .commands import bench, calibrate, compare, diagnose, export, import_, live, next_, predict, report
+from .commands import bench, calibrate, compare, diagnose, export, import_, live, next_, paper, predict, report
 from .commands.progress import Interrupted, no_colours, plain_terminal, signals
 from .errors import BayesDEAError
 
@@ -27,6 +27,7 @@ VERBS: dict[str, tuple[Callable[..., None], str]] = {
     "next": (next_.next_, next_.EXAMPLE),
     "live": (live.live, live.EXAMPLE),
     "bench": (bench.bench, bench.EXAMPLE),
+    "paper": (paper.paper, paper.EXAMPLE),
     "predict": (predict.predict, predict.EXAMPLE),
     "export": (export.export, export.EXAMPLE),
     "import": (import_.import_, import_.EXAMPLE),

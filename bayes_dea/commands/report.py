@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,8 @@ EXAMPLE = "Example: bayes-dea report out"
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of calibrate, diagnose, compare or next.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of calibrate, diagnose, compare, next or "
+                                            "paper.")],
     static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
                                          "repository.")] = False,
     quiet: QuietOption = False,
@@ -24,27 +26,25 @@ def report(
     from ..report.diagnosis_page import write_diagnosis_page
     from ..report.next_page import write_next_page
     from ..report.page import write_report
+    from ..report.paper_page import write_paper_page
     from ..store import load_posterior
 
-    calibrated = (folder / "calibration.json").is_file()
-    diagnosis = (folder / "diagnosis.json").is_file() and not calibrated
-    comparison = (folder / "comparison.json").is_file() and not calibrated and not diagnosis
-    proposals = (folder / "next.json").is_file() and not calibrated and not diagnosis and not comparison
+    pages: dict[str, Callable[[Callable[[float, float, str], None]], Path]] = {
+        "calibration.json": lambda say: write_report(folder, interactive=not static, report=say),
+        "diagnosis.json": lambda say: write_diagnosis_page(folder, say),
+        "comparison.json": lambda _: write_comparison_page(folder),
+        "next.json": lambda _: write_next_page(folder),
+        "paper.json": lambda _: write_paper_page(folder),
+    }
+    kind = next((name for name in pages if (folder / name).is_file()), "calibration.json")
     with progress(quiet) as say:
         def drawn(done: float, of: float, text: str) -> None:
             say("drawing the page", done, of, text)
 
         drawn(0, 1, "")
-        if not (diagnosis or comparison or proposals):
+        if kind == "calibration.json":
             load_posterior(folder)
         with writing(folder):
-            if diagnosis:
-                page = write_diagnosis_page(folder, drawn)
-            elif comparison:
-                page = write_comparison_page(folder)
-            elif proposals:
-                page = write_next_page(folder)
-            else:
-                page = write_report(folder, interactive=not static, report=drawn)
+            page = pages[kind](drawn)
     if not quiet:
         typer.echo(f"Report: {page}")

@@ -1,0 +1,1 @@
+"""The parts of the redone paper: a module each, with `run(task) -> Section`."""
