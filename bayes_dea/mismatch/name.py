@@ -25,9 +25,10 @@ from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
 from .relabel import FURTHER, in_place_of_one
+from .relocate import relocated
 from .ridge import integrated
 from .slow_start import LIMITS, low_start, slow_start
-from .weigh import HOPELESS, Frame, Screened, Weighed, escape, moved_to, own_index, refine, screen
+from .weigh import HOPELESS, Frame, Screened, Weighed, escape, improved, moved_to, own_index, refine, screen
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -325,7 +326,11 @@ def _refined(
         waiting = [n for n in leading if n not in settled]
         if not waiting:
             break
-        out[waiting[0]] = escape(base, of[waiting[0]], out[waiting[0]], prior)
+        found = escape(base, of[waiting[0]], out[waiting[0]], prior)
+        elsewhere = relocated(found.fit, prior)
+        if elsewhere is not found.fit:
+            found = escape(base, of[waiting[0]], improved(found, base, of[waiting[0]], elsewhere), prior)
+        out[waiting[0]] = found
         settled.add(waiting[0])
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
     for name, w in out.items():  # rivals that are near are weighed along their ridges

@@ -1,8 +1,8 @@
 """One hypothesis on the reduced campaign: predictions, whitened Gram sums, what is linear eliminated.
 
-Coordinates q, in this order: those of the model, the zeros of position, the gains. Offsets and mains lines belong to
-one recording each and are integrated out of its Gram sums (Woodbury), so that a Gram of residual and Jacobian columns
-is all that a Gauss-Newton step, a score and an evidence need.
+Coordinates q, in this order: those of the model, the zeros of position, the logs of 1 + gain. Offsets and mains lines
+belong to one recording each and are integrated out of its Gram sums (Woodbury), so that a Gram of residual and Jacobian
+columns is all that a Gauss-Newton step, a score and an evidence need.
 """
 
 from __future__ import annotations
@@ -129,9 +129,37 @@ class Problem:
         )
 
     def beside(self, q: Array) -> tuple[Array, Array]:
-        """Zeros and gains of coordinates (d,)."""
+        """Zeros and gains of coordinates (d,).
+
+        The coordinates of gains are logs, log(1 + g): as the moduli are logs too, the two trade along a straight line,
+        which a step by slopes can follow as far as it leads. Their prior sds of a few per cent are those of g.
+        """
         d = self.model.dimension
-        return q[d : d + self.zero_mean.size], q[d + self.zero_mean.size :]
+        return q[d : d + self.zero_mean.size], np.expm1(q[d + self.zero_mean.size :])
+
+    @property
+    def decoupled(self) -> Array:
+        """(d, d) from coordinates to those in which the compliances are the ones that the readings show, gain included.
+
+        A gain of the displacement and a softer material are one and the same in a linear model; only priors part them.
+        Where forces were read too, these part them, and the coordinates stay as they are.
+        """
+        out = np.eye(self.dimension)
+        moved = {p.group for p in self.pieces if p.channel == "displacement"}
+        if any(p.channel != "displacement" for p in self.pieces):
+            return out
+        d = self.model.dimension
+        compliances = zip(self.model.coordinate_names, self.model.priors.free, strict=True)
+        for i, (name, parameter) in enumerate(compliances):
+            if name.startswith(("log D", "log c_")):
+                sign = 1.0
+            elif parameter.unit == "Pa" and parameter.prior.is_log and parameter.prior.relative_to is None:
+                sign = -1.0
+            else:
+                continue
+            for group in moved:
+                out[i, d + self.zero_mean.size + group] = sign / len(moved)
+        return out
 
     def log_prior(self, q: Array) -> Array:
         """(B,) log prior density."""
@@ -262,6 +290,6 @@ class Problem:
         if slopes:
             parts.append((1 + g) * slopes[i])
             by_gain = np.zeros((self.gain_sd.size, clean[i].size))
-            by_gain[piece.group] = clean[i]
+            by_gain[piece.group] = (1 + g) * clean[i]
             parts.append(by_gain)
         return np.concatenate(parts)

@@ -137,7 +137,7 @@ def refit(
         noise = fit_noise_terms(problem, q, clean, noise, prior)
         gram, logdet = problem.sums(q, noise, clean, slopes)
         H = gram[1:, 1:] + curvature
-        step = _bounded_step(H, gradient - gram[0, 1:], 0.0, q, low, high)
+        step = _bounded_step(H, gradient - gram[0, 1:], np.zeros_like(H), q, low, high)
         if np.isfinite(problem.log_prior(q + step)[0]):
             new = problem.gram(q + step, noise, with_jacobian=False)[0]
             p = -float(problem.log_prior(q + step)[0])
@@ -191,24 +191,28 @@ def descend(
     if not np.isfinite(gram).all() or not np.isfinite(prior[0]):
         return None
     damping, taken = 1e-6, 0
+    decoupled = problem.decoupled
     for _ in range(max_steps):
         value = prior[0] + 0.5 * gram[0, 0]
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
+        metric = _metric(H, prior[2], decoupled)
         new: tuple[Array, float] | None = None
+        stuck = True
         for _attempt in range(8):
-            step = _bounded_step(H, g, damping, q, low, high)
+            step = _bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             if promised < tolerance or value - 10.0 * promised > hopeless_above:
+                stuck = False
                 break
-            p = -float(problem.log_prior(q + step)[0])
-            if np.isfinite(p):
-                # the Jacobian is worked out only where the step is taken
-                trial = problem.gram(q + step, noise, with_jacobian=False)[0]
-                if np.isfinite(trial).all() and p + 0.5 * trial[0, 0] < value:
-                    new = q + step, p + 0.5 * float(trial[0, 0])
-                    break
+            there = _value(problem, q + step, noise)
+            if there < value:
+                new = q + step, there
+                break
             damping = max(10.0 * damping, 1e-4)
+        if new is None and stuck:
+            new = _around_a_kink(problem, q, noise, H, g, 1e-6 * metric, low, high, value - tolerance)
+            damping = 1e-6
         if new is None:
             break
         q, damping, taken = new[0], 0.1 * damping, taken + 1
@@ -219,10 +223,61 @@ def descend(
     return End(q, prior[0] + 0.5 * float(gram[0, 0]), taken, gram, logdet, clean, slopes, prior)
 
 
-def _bounded_step(H: Array, g: Array, damping: float, q: Array, low: Array, high: Array) -> Array:
-    """Gauss-Newton step with Marquardt damping; coordinates that would leave their bounds stop at them."""
+def _value(problem: Problem, q: Array, noise: Noise) -> float:
+    """Minus log posterior at fixed noise without log det terms; infinite where the model has no answer."""
+    p = -float(problem.log_prior(q)[0])
+    if not np.isfinite(p):
+        return math.inf
+    # the Jacobian is worked out only where a step is taken
+    gram = problem.gram(q, noise, with_jacobian=False)[0]
+    return p + 0.5 * float(gram[0, 0]) if np.isfinite(gram).all() else math.inf
+
+
+def _around_a_kink(
+    problem: Problem,
+    q: Array,
+    noise: Noise,
+    H: Array,
+    g: Array,
+    damping: Array,
+    low: Array,
+    high: Array,
+    below: float,
+) -> tuple[Array, float] | None:
+    """The best step to a value less than `below` with one coordinate held.
+
+    A delay has a kink at every sampling step, where no step along the slope of one side leads down; held there, it
+    lets the others go on. None where none does.
+    """
+    found = None
+    for i in range(q.size):
+        free = np.delete(np.arange(q.size), i)
+        step = np.zeros(q.size)
+        among = np.ix_(free, free)
+        step[free] = _bounded_step(H[among], g[free], damping[among], q[free], low[free], high[free])
+        there = _value(problem, q + step, noise)
+        if there < below:
+            found, below = (q + step, there), there
+    return found
+
+
+def _metric(H: Array, prior: Array, decoupled: Array) -> Array:
+    """(d, d) what steps are damped by: the geometric mean of the curvatures of posterior and prior.
+
+    Directions that the readings hardly determine are where a model bends most, and are damped first. Taken in
+    coordinates in which gain and compliance do not trade: along their ridge a fit has to go far, and damping by the
+    curvature across it would stop it.
+    """
+    across = np.linalg.inv(decoupled)
+    H, prior = across.T @ H @ across, across.T @ prior @ across
+    size = np.sqrt(np.maximum(np.diag(H), 1e-12) * np.maximum(np.diag(prior), 1e-3))
+    return np.asarray(decoupled.T @ (size[:, None] * decoupled))
+
+
+def _bounded_step(H: Array, g: Array, damping: Array, q: Array, low: Array, high: Array) -> Array:
+    """Gauss-Newton step with damping (d, d); coordinates that would leave their bounds stop at them."""
     d = q.size
-    A = H + damping * np.diag(np.maximum(np.diag(H), 1e-300))
+    A = H + damping
     scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
     step = np.zeros(d)
     free = np.ones(d, dtype=bool)

@@ -12,6 +12,7 @@ import numpy as np
 from ..models.model import Model
 from .noise_prior import NoisePrior
 from .refit import Fit, bounds, descend, refit
+from .relocate import with_modes
 from .weigh import Weighed, effect_size
 
 FURTHER = "extra_relaxation_mode"
@@ -32,13 +33,8 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     ends = []
     for i in range(1, spec.elements + 1):
         kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1) if j != i]
-        branches = sorted([*kept, (values["tau_x_s"], values["k_x_Pa"])], reverse=True)
-        named = dict(values)
-        for j, (tau, k) in enumerate(branches, 1):
-            named[f"tau_{j}_s"], named[f"k_{j}_Pa"] = tau, k
-        x = np.array([np.log(named[p.name]) if p.prior.is_log else named[p.name] for p in model.priors.free])
-        rest = found.fit.q[found.fit.problem.model.dimension :]
-        start = np.concatenate([model.from_prior_coordinates(x[None])[0], rest])
+        modes = [*kept, (values["tau_x_s"], values["k_x_Pa"])]
+        start = with_modes(found.fit, model, values, modes)
         if not np.isfinite(start).all():
             continue
         end = descend(problem, np.clip(start, low + 1e-9, high - 1e-9), prior.start(), low, high, 25, 0.05, None)

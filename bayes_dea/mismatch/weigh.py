@@ -339,7 +339,13 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again
-    return found if fit is found.fit else weighed(base, screened, fit)
+    return found if fit is found.fit else improved(found, base, screened, fit)
+
+
+def improved(found: Weighed, base: Fit, screened: Screened, fit: Fit) -> Weighed:
+    """A hypothesis weighed anew at a better fit; its share of the effect's prior stays."""
+    w = weighed(base, screened, fit)
+    return replace(w, log_evidence=w.log_evidence + found.shared_prior, shared_prior=found.shared_prior)
 
 
 def _starting_points(screened: Screened, starts: int) -> list[Scored]:

@@ -1,0 +1,96 @@
+"""Modes of the base that a mismatch sent astray, put where they are needed once the effect is in.
+
+Without the effect a mode imitates it as well as it can: a lag of some milliseconds, or a time constant far below the
+sampling step, where it has no slope to come back by. So every mode is tried on a grid of time constants, the rest of
+the fit moved along linearly, and the fit is made again from the best point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.model import Model
+from .noise_prior import NoisePrior
+from .refit import Fit, bounds, descend, refit
+from .weigh import Frame
+
+Array = NDArray[np.float64]
+#: time constants tried, and moduli by the static one: weak and strong
+_TIMES = 8
+_SHARES = (0.02, 0.1)
+#: nats that a point has to promise, and rounds
+_LEAST = 2.0
+_ROUNDS = 2
+#: points that fits begin from, and how far (in logs) one is moved along
+_TRIED = 2
+_FAR = 0.7
+
+
+def relocated(fit: Fit, prior: NoisePrior) -> Fit:
+    """The fit, or a better one with a mode elsewhere. Networks of ordered modes only (gm, gkv)."""
+    spec = fit.problem.model.spec
+    if spec.network not in ("gm", "gkv") or spec.elements < 1:
+        return fit
+    low, high = bounds(fit.problem)
+    low, high = low + 1e-9, high - 1e-9
+    for _ in range(_ROUNDS):
+        ends = []
+        for q, move in _starts(fit):
+            # moved along linearly only where that is not far: the logs of a fit bend
+            start = np.clip(q + move if np.max(np.abs(move)) < _FAR else q, low, high)
+            end = descend(fit.problem, start, prior.start(), low, high, 25, 0.05, None)
+            if end is not None:
+                ends.append(end)
+        if not ends:
+            break
+        again = refit(fit.problem, min(ends, key=lambda e: e.value).q, prior.start(), prior)
+        if again is None or again.objective > fit.objective - 0.5:
+            break
+        fit = again
+    return fit
+
+
+def _starts(fit: Fit) -> list[tuple[Array, Array]]:
+    """The best points of the grid, each with its move; none where none is better than what is there."""
+    frame = Frame(fit)
+    below = frame.value(fit.clean)[0] - _LEAST
+    here = float(fit.problem.log_prior(fit.q)[0])
+    found: list[tuple[float, Array, Array]] = []
+    for q in _elsewhere(fit):
+        change = float(fit.problem.log_prior(q)[0]) - here
+        if not np.isfinite(change):
+            continue
+        clean = fit.problem.clean(q)
+        if not all(np.isfinite(x).all() for x in clean):
+            continue
+        value, move = frame.value(clean)
+        if value - change < below:
+            found.append((value - change, q, move))
+    return [(q, move) for _, q, move in sorted(found, key=lambda f: f[0])[:_TRIED]]
+
+
+def _elsewhere(fit: Fit) -> list[Array]:
+    """Coordinates with one mode at another time constant, weak or strong."""
+    model, values = fit.problem.model, fit.values()
+    steps = [float(np.median(np.diff(p.recording.time_s))) for p in fit.problem.pieces if p.recording.time_s.size > 1]
+    spans = [float(p.recording.time_s[-1] - p.recording.time_s[0]) for p in fit.problem.pieces]
+    n = model.spec.elements
+    stiff = values.get("Y_Pa", 1e6)
+    out = []
+    for i in range(1, n + 1):
+        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, n + 1) if j != i]
+        for tau in np.geomspace(2.0 * min(steps), max(spans), _TIMES):
+            for share in _SHARES:
+                k = stiff * share if model.spec.network == "gm" else stiff / share
+                out.append(with_modes(fit, model, values, [*kept, (float(tau), k)]))
+    return out
+
+
+def with_modes(fit: Fit, model: Model, values: dict[str, float], modes: list[tuple[float, float]]) -> Array:
+    """Coordinates of `model` with these (time constant, modulus), in their order; what is beside it is the fit's."""
+    named = dict(values)
+    for j, (tau, k) in enumerate(sorted(modes, reverse=True), 1):
+        named[f"tau_{j}_s"], named[f"k_{j}_Pa"] = tau, k
+    x = np.array([np.log(named[p.name]) if p.prior.is_log else named[p.name] for p in model.priors.free])
+    return np.concatenate([model.from_prior_coordinates(x[None])[0], fit.q[fit.problem.model.dimension :]])

@@ -1,0 +1,47 @@
+"""Fits that went astray come back: along the ridge of gain and compliance, and of a mode that imitated an effect."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.relocate import relocated, with_modes
+
+
+@pytest.fixture
+def right(diagnosed):
+    """A fit with its effect in, and the prior of its noise."""
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    return result.corrected, noise_prior(result.assembled)
+
+
+def test_a_fit_comes_back_along_the_ridge_of_gain_and_compliance(right):
+    """A gain of 1/3 with a material a third as stiff answers the same; the priors say which it is."""
+    fit, prior = right
+    model = fit.problem.model
+    q = fit.q.copy()
+    far = np.log(3.0)
+    for i, name in enumerate(model.coordinate_names):
+        if name.startswith(("log D", "log c_")):
+            q[i] += far
+    q[-1] -= far
+    assert fit.problem.clean(q)[0][-1] == pytest.approx(3.0 * fit.clean[0][-1], rel=1e-5)
+    back = refit(fit.problem, q, fit.noise, prior)
+    assert back.objective == pytest.approx(fit.objective, abs=0.2)
+    assert abs(back.problem.beside(back.q)[1][0]) < 0.05
+
+
+def test_a_mode_below_the_sampling_step_is_put_where_it_is_needed(right):
+    fit, prior = right
+    values = fit.values()
+    modes = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in (1, 2)]
+    q = with_modes(fit, fit.problem.model, values, [*modes, (1e-6, 3e9)])
+    stuck = refit(fit.problem, q, fit.noise, prior)
+    assert stuck.objective > fit.objective + 5.0  # it has no slope to come back by
+    back = relocated(stuck, prior)
+    assert back.objective < fit.objective + 0.5
+
+
+def test_a_fit_that_is_right_stays(right):
+    fit, prior = right
+    assert relocated(fit, prior).objective <= fit.objective
