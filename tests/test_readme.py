@@ -50,6 +50,16 @@ def test_commands_with_priors_run(beside_quickstart: Path):
         assert done.returncode == 0, done.stderr
 
 
+def test_command_that_redoes_the_paper_runs(tmp_path: Path):
+    """One part of it, for the time."""
+    (line,) = re.findall(r"^    (bayes-dea paper .*)$", README, re.M)
+    words = [sys.executable, "-m", "bayes_dea", *shlex.split(line)[1:], "--sections", "misprints", "--quiet"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads((tmp_path / "paper" / "paper.json").read_text(encoding="utf-8"))["entries"]) == 35
+    assert (tmp_path / "paper" / "report.html").is_file()
+
+
 def test_command_that_compares_runs(beside_quickstart: Path):
     """With fewer structures than printed, for the time."""
     (line,) = re.findall(r"^    (bayes-dea compare .*)$", README, re.M)

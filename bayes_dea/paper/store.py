@@ -37,7 +37,11 @@ def summarise(sections: Sequence[Section], seed: int, seconds: float, taken: Seq
     content: dict[str, Any] = plain(
         {
             "models": list(MODELS),
-            "statement": statement(counts(entries)),
+            "statement": statement(
+                counts(entries),
+                misprints=counts(by_section.get("misprints", []))["differ"],
+                lost=sum(e["circular"] and e["agrees"] is False for e in entries),
+            ),
             "counts": counts(entries),
             "sections": [
                 {"name": s.name, "title": s.title, "counts": counts(by_section[s.name]),
@@ -57,20 +61,23 @@ def summarise(sections: Sequence[Section], seed: int, seconds: float, taken: Seq
     return content
 
 
-def statement(n: Mapping[str, int]) -> str:
-    """The whole in two sentences."""
+def statement(n: Mapping[str, int], misprints: int = 0, lost: int = 0) -> str:
+    """The whole in two sentences. misprints: how many of what differs are such; lost: circular ones not given back."""
     compared = n["agree"] + n["differ"]
     one = {k: v == 1 for k, v in n.items()}
     rest = [
-        f"{n['circular']} return{'s' * one['circular']} what the reconstruction put in and "
-        f"count{'s' * one['circular']} as no agreement" if n["circular"] else "",
+        f"{n['circular']} {'was' if one['circular'] else 'were'} put in by the reconstruction and "
+        f"count{'s' * one['circular']} as no agreement" + (f" ({lost} of them did not come back)" if lost else "")
+        if n["circular"] else "",
         f"{n['stands_alone']} stand{'s' * one['stands_alone']} alone, because the paper prints no number "
         f"for {'it' if one['stands_alone'] else 'them'}" if n["stands_alone"] else "",
         f"{n['not_comparable']} cannot be reproduced or compared" if n["not_comparable"] else "",
     ]
     said = "; ".join(r for r in rest if r)
     first = f"Of {sum(n.values())} values and conclusions {compared} can be compared with what is printed: " \
-            f"{n['agree']} agree{'s' * one['agree']}, {n['differ']} differ{'s' * one['differ']}."
+            f"{n['agree']} agree{'s' * one['agree']}, {n['differ']} differ{'s' * one['differ']}"
+    kind = "a misprint" if misprints == 1 else "misprints"
+    first += f" ({misprints} of them {kind} of the paper)." if misprints else "."
     return f"{first} Of the others {said}." if said else first
 
 

@@ -100,6 +100,13 @@ def _row(d: Decision) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _begun(sentence: str) -> str:
+    """With a capital, unless it begins with a symbol."""
+    first = sentence.split()[0]
+    symbol = not first.isalpha() or first in ("alpha", "tau", "lam", "eta", "k", "d")
+    return sentence if symbol else sentence[0].upper() + sentence[1:]
+
+
 def _numbers(done: list[Decision], verdict: str) -> str:
     return ", ".join(str(d.item) for d in done if d.verdict == verdict) or "none"
 
@@ -126,7 +133,7 @@ def _paragraphs(done: list[Decision]) -> tuple[Paragraph, ...]:
             "Numbers are those of the list; colours and rows say what the computation decided.",
         ),
         *(
-            Paragraph(f"Item {d.item}", f"{d.where}: {d.what}", d.sentence[0].upper() + d.sentence[1:] + ".")
+            Paragraph(f"Item {d.item}", f"{d.where}: {d.what}", _begun(d.sentence) + ".")
             for d in done
         ),
     )
