@@ -292,7 +292,11 @@ def test_counts_take_no_circular_entry_for_an_agreement():
     text = statement(n)
     assert "Of 8 values and conclusions 2 can be compared" in text
     assert "1 agrees, 1 differs" in text
-    assert "2 return what" in text
+    assert "2 were put in" in text
+    assert "did not come back" not in text
+    text = statement(n, misprints=1, lost=1)
+    assert "(1 of them a misprint of the paper)" in text
+    assert "(1 of them did not come back)" in text
 
 
 def test_paper_json_keeps_to_the_contract(tmp_path: Path):

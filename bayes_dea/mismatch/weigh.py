@@ -36,6 +36,8 @@ _NARROW = 3.5
 _COARSEST = 2.0
 #: quantiles of a log-normal strength below those of the grid
 _WEAK = (0.02, 0.004)
+#: the same of a strength that is uniform from zero, in shares of its range
+_SLIGHT = (0.04, 0.008)
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
@@ -165,19 +167,24 @@ def grid_points(model: Model, index: NDArray[np.int64], values: dict[str, float]
 def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, float], sparse: bool) -> list[Array]:
     """Further points where the grid of quantiles would miss an effect; they find, they do not weigh.
 
-    Close to the ends of a uniform prior that stands alone, where a limit is just reached; in the lower tail of a
-    log-normal strength, because an effect that is three times too strong looks worse than none.
+    Close to the ends of a uniform prior that stands alone, where a limit is just reached; for a strength among others,
+    in the lower tail of its prior, because an effect that is three times too strong looks worse than none.
     """
     priors = [model.priors.free[i].prior for i in index]
     if len(priors) == 1 and priors[0].family == "uniform":
         a, b = priors[0].a, priors[0].b
         return [np.array([x]) for share in _ENDS for x in (a + share * (b - a), b - share * (b - a))]
-    if len(priors) == 2 and priors[0].family == "lognormal":
+    if len(priors) not in (2, 3):
+        return []
+    if priors[0].family == "lognormal":
         shift = math.log(values[priors[0].relative_to]) if priors[0].relative_to else 0.0
         weak = [float(priors[0].ppf(np.array([quantile]), shift)[0]) for quantile in _WEAK]
-        others = sorted({float(point[1]) for point in grid_points(model, index, values, sparse)})
-        return [np.array([x, y]) for x in weak for y in others]
-    return []
+    elif priors[0].family == "uniform" and priors[0].a == 0.0:
+        weak = [share * priors[0].b for share in _SLIGHT]
+    else:
+        return []
+    others = sorted({tuple(map(float, point[1:])) for point in grid_points(model, index, values, sparse)})
+    return [np.array([x, *rest]) for x in weak for rest in others]
 
 
 @dataclass(frozen=True)

@@ -87,10 +87,39 @@ class Plant:
     @property
     def is_linear(self) -> bool:
         """Whether strain is a sum of lags of a stress that does not depend on it."""
+        return self.process is not None or (self._is_straight and not np.isfinite(self.f_1_Hz))
+
+    @property
+    def swings(self) -> bool:
+        """Whether strain is that of a mass on a linear network under a stress that does not depend on it."""
+        return self.process is None and self._is_straight and np.isfinite(self.f_1_Hz)
+
+    @property
+    def _is_straight(self) -> bool:
         straight = self.law_id == HOOKE and not (self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share)
         coupled = self.thickness_feedback or self.c_eps != 0.0 or self.R_s_ohm > 0.0
-        return self.process is not None or (
-            straight and not coupled and not np.isfinite(self.f_1_Hz) and self.creep is None)
+        return straight and not coupled and self.creep is None
+
+    @property
+    def _mass(self) -> float:
+        """Per area and length (Pa s^2)."""
+        return self.Y_Pa / (2 * np.pi * self.f_1_Hz) ** 2 if np.isfinite(self.f_1_Hz) else 0.0
+
+    @cached_property
+    def swinging_modes(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """c (K,) (1/Pa) and T (K,) (s), complex in pairs, of a mass on a linear network (see `swings`)."""
+        branches = [(k, tau) for k, tau in self.branches if k > 0.0]
+        mass, n = self._mass, len(branches)
+        A = np.zeros((n + 2, n + 2))
+        A[0, 1] = 1.0
+        A[1, 0], A[1, 1] = -self.Y_Pa / mass, -(self.d0_Pa_s + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)) / mass
+        for j, (k, tau) in enumerate(branches, 2):
+            A[1, j], A[j, 1], A[j, j] = -1.0 / mass, k, -1.0 / tau
+        poles, shapes = np.linalg.eig(A)
+        b = np.zeros(n + 2)
+        b[1] = 1.0 / mass
+        T = -1.0 / poles.astype(np.complex128)
+        return shapes[0] * np.linalg.solve(shapes, b) * T, T
 
     @cached_property
     def modes(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
@@ -119,7 +148,7 @@ class Plant:
 
     @cached_property
     def _numbers(self) -> NDArray[np.float64]:
-        mass = self.Y_Pa / (2 * np.pi * self.f_1_Hz) ** 2 if np.isfinite(self.f_1_Hz) else 0.0
+        mass = self._mass
         w = np.zeros(pk.SIZE)
         for index, value in (
             (pk.P_LAW, self.law_id), (pk.P_Y, self.Y_Pa), (pk.P_BETA, self.beta), (pk.P_DE, self.dE_Pa),

@@ -14,7 +14,7 @@ from .plant import Plant
 from .plant_kernel import drive_voltage
 from .plate_kernel import drive_position
 from .static import law_stress_tangent
-from .supply_kernel import delayed, drive_lags, lagged, network, supply
+from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
 
 
 def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
@@ -54,13 +54,15 @@ def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool) -> NDArray[n
         supply(h, volts, linear, *limits, lines[0], lines[1], lines[2], at)
         h, u0, u1 = lines[0], lines[1], lines[2]
     out = np.empty(h.size)
-    if not plant.is_linear and plant.creep is None:
+    if not plant.is_linear and not plant.swings and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
         return out if at is None else out[at]
     start, end = np.empty(h.size), np.empty(h.size)
     drive_lags(h, plant.factor, plant.R_s_ohm, plant.R_leak_ohm, plant.capacitance_F, plant.E_0_V_per_m,
                plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, u0, u1, start, end)
-    if plant.creep is None:
+    if plant.swings:
+        swinging(h, start, end, *plant.swinging_modes, out)
+    elif plant.creep is None:
         network(h, start, end, *plant.modes, out)
     else:
         network(h, start, end, 0.0, *plant.creep, out)

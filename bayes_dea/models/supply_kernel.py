@@ -164,6 +164,31 @@ def network(h, start, end, D, c, T, out):
 
 
 @_jit
+def swinging(h, start, end, c, T, out):
+    """Strain (m,) of a mass on a network in modes c (K,) 1/Pa, T (K,) s, complex in pairs; otherwise as `network`."""
+    K = T.size
+    f, keep = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
+    w0, w1 = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
+    known = -1.0
+    for i in range(h.size):
+        if h[i] != known:
+            known = h[i]
+            for j in range(K):
+                z = known / T[j]
+                small = abs(z) < 1e-4
+                m = 1.0 - z * (0.5 - z / 6.0) if small else (1.0 - np.exp(-z)) / z
+                keep[j] = 1.0 - z * m
+                w1[j] = c[j] * z * (0.5 - z / 6.0) if small else c[j] * (1.0 - m)
+                w0[j] = c[j] * z * m - w1[j]
+        e = 0.0
+        for j in range(K):
+            x = keep[j] * f[j] + (w0[j] * start[i] + w1[j] * end[i])
+            f[j] = x
+            e += x.real
+        out[i] = e
+
+
+@_jit
 def delayed(time, y, delay, out):
     """y (m,) shifted by `delay` (s), straight between nodes; the first value stands for what was before."""
     k = 0

@@ -1,0 +1,49 @@
+"""A mass on a linear network: exact modes against the stepwise integration that nonlinear plants need."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from bayes_dea.models.plant import Plant
+from bayes_dea.models.plant_kernel import drive_voltage
+from bayes_dea.models.simulate_plant import _strain
+
+PLANT = Plant(Y_Pa=1.2e6, branches=[(60e3, 20.0), (80e3, 0.3)], factor=0.0262, f_1_Hz=87.0, zeta=0.07)
+MORE = [{}, {"zeta": 0.9}, {"d0_Pa_s": 900.0}, {"chi": 0.02, "tau_d_s": 0.4}, {"branches": []}]
+
+
+def command(n=4000, h=1e-3):
+    """Steps and a wave."""
+    t = np.arange(n) * h
+    return np.full(n, h), np.where(t < 1.0, 800.0, 650.0 + 400.0 * np.sin(2 * np.pi * 7.0 * t)), t
+
+
+@pytest.mark.parametrize("more", MORE)
+def test_modes_and_steps_agree(more):
+    plant = replace(PLANT, **more)
+    assert plant.swings
+    h, volts, _ = command()
+    by_steps = np.empty(h.size)
+    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps)
+    by_modes = _strain(plant, h, volts, False)
+    assert np.max(np.abs(by_modes - by_steps)) < 2e-5 * np.max(np.abs(by_steps))
+
+
+def test_modes_solve_the_equation_of_motion():
+    """s = Y e + q + M e'' + d e', q' = k e' - q/tau, against a tight general solver over one held step."""
+    plant = replace(PLANT, branches=[(80e3, 0.3)], d0_Pa_s=300.0)
+    h, volts, t = command(300)
+    volts = np.full(300, 800.0)
+    mass = plant.Y_Pa / (2 * np.pi * plant.f_1_Hz) ** 2
+    d = plant.d0_Pa_s + 2 * plant.zeta * np.sqrt(plant.Y_Pa * mass)
+    k, tau = plant.branches[0]
+    stress = plant.factor * 800.0**2
+
+    def rate(_, x):
+        return [x[1], (stress - plant.Y_Pa * x[0] - x[2] - d * x[1]) / mass, k * x[1] - x[2] / tau]
+
+    solved = solve_ivp(rate, (0, 0.3), [0, 0, 0], method="DOP853", rtol=1e-11, atol=1e-16, t_eval=t + 1e-3)
+    ours = _strain(plant, h, volts, False)
+    assert np.max(np.abs(ours[: solved.y.shape[1]] - solved.y[0])) < 1e-8 * np.max(np.abs(ours))
