@@ -208,9 +208,10 @@ def _disturbances(p: Prepared) -> list[str]:
         count = "1 drop-out" if p.dropouts == 1 else f"{p.dropouts} drop-outs"
         out.append(f"{p.name}: {count} ({p.dropouts / p.y.size:.2g} of the samples) found and masked")
     if p.mains is not None:
+        how = "is in the other recordings and modelled here, too" if p.mains.taken_over else "was found and is modelled"
         out.append(
             f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
-            f"{_UNITS[p.channel]} was found and is modelled"
+            f"{_UNITS[p.channel]} {how}"
         )
     return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -137,7 +137,19 @@ def prepare_all(
             out.append(done)
             if report is not None:
                 report(len(out), len(recordings), r.name)
-    return tuple(out)
+    return _with_site_lines(out)
+
+
+def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
+    """Recordings of the displacement with the mains lines of their place; other sensors as they are."""
+    from ..noise.site_lines import site_lines
+
+    own = [i for i, p in enumerate(prepared) if p.channel == "displacement"]
+    lines = site_lines([prepared[i].mains for i in own], [0.5 / prepared[i].step_s for i in own])
+    for i, mains in zip(own, lines, strict=True):
+        if mains is not prepared[i].mains:
+            prepared[i] = replace(prepared[i], mains=mains)
+    return tuple(prepared)
 
 
 @dataclass(frozen=True)

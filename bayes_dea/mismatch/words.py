@@ -85,5 +85,6 @@ def silent_note(summary: dict[str, Any]) -> str:
 
 
 def _mains(assembled: Assembled) -> Mains:
-    """The strongest mains line found."""
-    return max((p.mains for p in assembled.prepared if p.mains is not None), key=lambda m: m.amplitude)
+    """The mains line that is known best."""
+    found = (p.mains for p in assembled.prepared if p.mains is not None)
+    return min(found, key=lambda m: m.lines[0].amplitude_se)

@@ -20,6 +20,8 @@ _Rows = Callable[[int, int], Array]
 _TOLERANCE = 0.01
 _SEGMENTS_S = (16.0, 128.0)
 _HIGHEST_HARMONIC = 8
+#: bins beyond which a Hann window shows nothing of a line
+_LEAK_BINS = 4.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Mains:
     frequency_Hz: float  # refined fundamental
     lines: tuple[MainsLine, ...]
     coherent: bool  # whether one frequency describes the whole recording
+    taken_over: bool = False  # a line that others of the campaign show and this one cannot (see `site_lines`)
 
     @property
     def amplitude(self) -> float:
@@ -294,7 +297,9 @@ def _of_drive(spectrum: _Spectrum, k: int, drive: _Drive) -> bool:
     if order < 1 or abs(f[k] - order * base) > 2 * df + 0.02 * df * order:
         return False
     level = 0.0
-    for other in (order - 2, order - 1, order + 1, order + 2):
+    # far enough away that the line itself does not leak there: multiples of 0.1 Hz lie within one bin or two
+    apart = math.ceil(_LEAK_BINS * df / base)
+    for other in (order - 2 * apart, order - apart, order + apart, order + 2 * apart):
         at = round(other * base / df)
         if other >= 1 and at + 1 < p.size:
             level = max(level, float(p[max(at - 1, 0):at + 2].max()) / float(f[at]) ** 2)
