@@ -24,11 +24,23 @@ from .features import Features
 from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
-from .relabel import FURTHER, in_place_of_one
+from .relabel import FURTHER, in_place_of_one, without_stand_in
 from .relocate import relocated
 from .ridge import integrated
 from .slow_start import LIMITS, low_start, slow_start
-from .weigh import HOPELESS, Frame, Screened, Weighed, escape, improved, moved_to, own_index, refine, screen
+from .weigh import (
+    HOPELESS,
+    Frame,
+    Screened,
+    Weighed,
+    effect_size,
+    escape,
+    improved,
+    moved_to,
+    own_index,
+    refine,
+    screen,
+)
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -202,13 +214,29 @@ def name_physics(
     def enough(w: Weighed) -> bool:
         return w.size_m >= resolution_m
 
+    singles = max(len(names), 1)
+
+    def share(w: Weighed) -> float:
+        return odds["single" if len(w.effects) == 1 else "double"] / singles
+
+    def weight(w: Weighed) -> float:
+        return w.log_evidence + math.log(share(w))
+
+    def thoughts(w: Weighed) -> Weighed:
+        """The same, or what is likelier once no mode of the base stands in for another effect."""
+        more = [t for t in _second_thoughts(w, none.weighed.fit, model, names, prior, given, say, rng) if enough(t)]
+        for t in more:
+            if t.name not in weighed or t.log_evidence > weighed[t.name].log_evidence:
+                weighed[t.name] = t
+        return max([w, *more], key=weight)
+
     ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
     best = none
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
         say("checking what is left", 0, 1, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
-        best = explain(ranked[0], looks, columns, rng, prior)
+        best = explain(thoughts(ranked[0]), looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # more than one effect, where one is not enough
     for _ in range(most_effects):
@@ -226,23 +254,18 @@ def name_physics(
             break
         if spoiled is not None and spoiled(top.fit):
             return None
-        simpler = _without_stray_mode(top, none.weighed.fit, model, prior, given)
-        if simpler is not None and simpler.log_evidence > max(
-            top.log_evidence - math.log(odds["single"] / odds["double"]), best.weighed.log_evidence
-        ):
-            weighed[simpler.name] = top = simpler
+        top = thoughts(top)
         best = explain(top, looks, columns, rng, prior)
         explanations[best.weighed.name] = best
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
     prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
-    singles = max(len(names), 1)
     for w in weighed.values():
         if not enough(w):
             continue
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
-        prior_of[w.name] = odds["single"] / singles if len(w.effects) == 1 else odds["double"] / singles
+        prior_of[w.name] = share(w)
     evidence[UNKNOWN] = max(e.weighed.log_evidence + e.discrepancy.gain for e in explanations.values())
     error[UNKNOWN] = 0.5
     log_p = {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
@@ -377,15 +400,30 @@ def _singles(
     return found
 
 
-def _without_stray_mode(
-    w: Weighed, base: Fit, model: Model, prior: NoisePrior, overrides: Mapping[str, object]
-) -> Weighed | None:
-    """An explanation without its further mode, where a mode of the base may have gone astray."""
+def _second_thoughts(
+    w: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
+    say: Report, rng: np.random.Generator,
+) -> list[Weighed]:
+    """Rivals of an explanation with a further mode, in which that mode is one of the base's.
+
+    A mode of the base may have gone astray, and then the further one does its work; or it stands in for another effect
+    (a mode far faster than the sampling is a damper), and then that effect is looked for in its place.
+    """
     others = [n for n in w.effects if n != FURTHER]
-    if not others or len(others) == len(w.effects):
-        return None
-    m = extended(model, others, {**overrides, **_law_of(w)})
-    return in_place_of_one(w, base, m, prior) if m is not None else None
+    if len(others) == len(w.effects):
+        return []
+    m = extended(model, others, {**overrides, **_law_of(w)}) if others else model
+    if m is None:
+        return []
+    simpler = in_place_of_one(w, base, m, prior)
+    out = [simpler] if simpler is not None and simpler.effects else []
+    without = without_stand_in(w, m, prior)
+    if without is not None:
+        start = Weighed(tuple(others), without, without.log_evidence, 0.1, 0.0)
+        found = _beside(start, model, [n for n in names if n != FURTHER], prior, overrides, say, rng)
+        compared = simpler.fit if simpler is not None else base
+        out += [replace(t, size_m=effect_size(compared, t.fit)) for t in found if t.fit is not without]
+    return out
 
 
 def _law_of(w: Weighed) -> dict[str, Prior]:

@@ -16,6 +16,8 @@ from .relocate import with_modes
 from .weigh import Weighed, effect_size
 
 FURTHER = "extra_relaxation_mode"
+#: sampling steps below which a mode is none that a recording shows as such
+_FAST_STEPS = 3.0
 
 
 def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
@@ -48,3 +50,21 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     others = tuple(n for n in found.effects if n != FURTHER)
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
+
+
+def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | None:
+    """`found` without its further mode, which takes the place of one too fast to be seen as a mode; not refitted.
+
+    Such a mode stands in for something else (one far faster than the sampling is a damper): what that is can be looked
+    for from here. A refit would send a mode there again. model: as for `in_place_of_one`; None where there is no such
+    mode.
+    """
+    spec, values = model.spec, found.fit.values()
+    if FURTHER not in found.effects or spec.network != "gm":
+        return None
+    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1))
+    if not modes or modes[0][0] > _FAST_STEPS * min(p.prepared.step_s for p in found.fit.problem.pieces):
+        return None
+    start = with_modes(found.fit, model, values, [*modes[1:], (values["tau_x_s"], values["k_x_Pa"])])
+    problem = found.fit.problem.with_model(model)
+    return refit(problem, start, prior.start(), prior, max_steps=0, fit_noise=False)

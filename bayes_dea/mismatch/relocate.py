@@ -73,7 +73,7 @@ def _starts(fit: Fit) -> list[tuple[Array, Array]]:
 def _elsewhere(fit: Fit) -> list[Array]:
     """Coordinates with one mode at another time constant, weak or strong."""
     model, values = fit.problem.model, fit.values()
-    steps = [float(np.median(np.diff(p.recording.time_s))) for p in fit.problem.pieces if p.recording.time_s.size > 1]
+    steps = [p.prepared.step_s for p in fit.problem.pieces]
     spans = [float(p.recording.time_s[-1] - p.recording.time_s[0]) for p in fit.problem.pieces]
     n = model.spec.elements
     stiff = values.get("Y_Pa", 1e6)

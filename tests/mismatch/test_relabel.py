@@ -7,7 +7,7 @@ import pytest
 
 from bayes_dea.mismatch.name import extended
 from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import in_place_of_one
+from bayes_dea.mismatch.relabel import in_place_of_one, without_stand_in
 from bayes_dea.mismatch.weigh import Weighed
 
 
@@ -33,3 +33,25 @@ def test_without_a_further_mode_there_is_nothing_to_put_in_place(diagnosed):
     result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
     w = Weighed(("series_resistance",), result.corrected, 0.0, 0.1, 1e-6)
     assert in_place_of_one(w, result.base, result.corrected.problem.model, noise_prior(result.assembled)) is None
+
+
+def test_what_a_mode_stood_in_for_is_looked_for_in_its_place(diagnosed):
+    """A mode of 0.4 ms is a damper to a sampling step of 1 ms: the further mode takes its place, as it is."""
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    right = result.corrected
+    model = right.problem.model
+    both = extended(model, ["extra_relaxation_mode"], {})
+    values = right.values()
+    stray = {**values, "k_x_Pa": values["k_3_Pa"], "tau_x_s": values["tau_3_s"], "k_3_Pa": 1.1e6, "tau_3_s": 4e-4}
+    x = np.array([np.log(stray[p.name]) if p.prior.is_log else stray[p.name] for p in both.priors.free])
+    q = np.concatenate([both.from_prior_coordinates(x[None])[0], right.q[model.dimension :]])
+    prior = noise_prior(result.assembled)
+    found = Weighed(("series_resistance", "extra_relaxation_mode"),
+                    replace(right, problem=right.problem.with_model(both), q=q), 0.0, 0.1, 1e-6)  # fmt: skip
+    fit = without_stand_in(found, model, prior)
+    for name, value in values.items():
+        assert fit.values()[name] == pytest.approx(value, rel=1e-6), name
+    slow = replace(found, fit=replace(found.fit, q=np.concatenate(
+        [both.from_prior_coordinates(np.where(x == np.log(4e-4), np.log(0.02), x)[None])[0], right.q[model.dimension :]]
+    )))  # fmt: skip
+    assert without_stand_in(slow, model, prior) is None
