@@ -103,18 +103,23 @@ class Plant:
     @property
     def _mass(self) -> float:
         """Per area and length (Pa s^2)."""
-        return self.Y_Pa / (2 * np.pi * self.f_1_Hz) ** 2 if np.isfinite(self.f_1_Hz) else 0.0
+        speed = 2 * np.pi * self.f_1_Hz
+        return self.Y_Pa / (speed * speed) if np.isfinite(self.f_1_Hz) else 0.0
 
     @cached_property
     def swinging_modes(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """c (K,) (1/Pa) and T (K,) (s), complex in pairs, of a mass on a linear network (see `swings`)."""
         branches = [(k, tau) for k, tau in self.branches if k > 0.0]
-        mass, n = self._mass, len(branches)
+        mass, n = np.float64(self._mass), len(branches)
         A = np.zeros((n + 2, n + 2))
         A[0, 1] = 1.0
-        A[1, 0], A[1, 1] = -self.Y_Pa / mass, -(self.d0_Pa_s + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)) / mass
-        for j, (k, tau) in enumerate(branches, 2):
-            A[1, j], A[j, 1], A[j, j] = -1.0 / mass, k, -1.0 / tau
+        with np.errstate(all="ignore"):
+            A[1, 0], A[1, 1] = -self.Y_Pa / mass, -(self.d0_Pa_s + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)) / mass
+            for j, (k, tau) in enumerate(branches, 2):
+                A[1, j], A[j, 1], A[j, j] = -1.0 / mass, k, -1.0 / np.float64(tau)
+        if not np.isfinite(A).all():
+            nothing = np.full(n + 2, np.nan + 0j)
+            return nothing, nothing
         poles, shapes = np.linalg.eig(A)
         b = np.zeros(n + 2)
         b[1] = 1.0 / mass

@@ -47,3 +47,9 @@ def test_modes_solve_the_equation_of_motion():
     solved = solve_ivp(rate, (0, 0.3), [0, 0, 0], method="DOP853", rtol=1e-11, atol=1e-16, t_eval=t + 1e-3)
     ours = _strain(plant, h, volts, False)
     assert np.max(np.abs(ours[: solved.y.shape[1]] - solved.y[0])) < 1e-8 * np.max(np.abs(ours))
+
+
+def test_numbers_that_are_none_have_no_answer_and_no_error():
+    h, volts, _ = command(10)
+    assert np.isnan(_strain(replace(PLANT, Y_Pa=np.nan), h, volts, False)).all()
+    assert np.isnan(_strain(replace(PLANT, f_1_Hz=1e200), h, volts, False)).all()
