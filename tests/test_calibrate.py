@@ -10,6 +10,7 @@ import pytest
 
 import bayes_dea as bd
 from bayes_dea.find_map import MapSettings
+from bayes_dea.fit.adapt import AdaptSettings
 from bayes_dea.results import plain
 
 STATISTICS = {"mean", "sd", "q05", "q50", "q95", "unit", "map", "rhat", "ess_bulk", "ess_tail", "contraction"}
@@ -137,7 +138,9 @@ def test_mechanical_recordings_are_part_of_the_fit(unconverged):
 @pytest.mark.usefixtures("without_refits")
 def test_every_kind_of_structure(small_campaign, model, parameters):
     campaign = bd.load_campaign(small_campaign)
-    settings = bd.CalibrationSettings(map=replace(MapSettings(), swarms=2), predictive_draws=50)
+    # every part of the road, each as short as it goes
+    settings = bd.CalibrationSettings(map=replace(MapSettings(), swarms=2), predictive_draws=50, simulated_draws=200,
+                                      adapt=AdaptSettings(rounds=1, steps=100, components=(1,)))
     settings = replace(settings, sampler=replace(settings.sampler, max_steps=200))
     with pytest.warns(bd.NotConvergedWarning, match="did not converge"):
         result = bd.calibrate(campaign, model, seed=1, settings=settings)
