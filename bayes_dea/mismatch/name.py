@@ -67,6 +67,10 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 }
 
 
+#: the damping of a mass and a damper in parallel are one and the same number
+SAME = {"inertia", "parallel_damper"}
+
+
 @dataclass(frozen=True)
 class Explanation:
     """A weighed hypothesis with its adequacy."""
@@ -440,7 +444,7 @@ def _beside(
     """Every further effect beside the ones found."""
     frame = Frame(best.fit)
     found = []
-    rest = [n for n in names if n not in best.effects]
+    rest = [n for n in names if n not in best.effects and not any({n, e} == SAME for e in best.effects)]
     order = list(registered_effects())
     overrides = {**overrides, **_law_of(best)}
     for k, name in enumerate(rest):

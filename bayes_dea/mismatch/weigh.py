@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +38,10 @@ _COARSEST = 2.0
 _WEAK = (0.02, 0.004)
 #: the same of a strength that is uniform from zero, in shares of its range
 _SLIGHT = (0.04, 0.008)
+#: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
+_IDLE = 1e-3
+_SECTIONS = 12
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
@@ -224,20 +228,31 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
         own_fit = frame.fit
         before = float(own_fit.problem.model.log_prior(own_fit.q[None, :d])[0])
         weighing = grid_points(model, index, own_fit.values(), sparse)
-        for k, own in enumerate([*weighing, *finding_points(model, index, own_fit.values(), sparse)]):
-            q = insert(own_fit, model, own)
+        here: list[Scored] = []
+
+        def score(
+            own: Array, frame: Frame = frame, before: float = before, here: list[Scored] = here
+        ) -> Scored | None:
+            q = insert(frame.fit, model, own)
             own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
             if not np.isfinite(own_prior):
-                continue
+                return None
             clean = problem.clean(q)
             if not all(np.isfinite(x).all() for x in clean):
-                continue
+                return None
             value, move = frame.value(clean)
             if not np.isfinite(value):
-                continue
-            scored.append(Scored(value - own_prior, value, own, move, frame))
-            if frame is frames[0] and k < len(weighing):
-                main.append(-value)
+                return None
+            here.append(Scored(value - own_prior, value, own, move, frame))
+            return here[-1]
+
+        for k, own in enumerate([*weighing, *finding_points(model, index, own_fit.values(), sparse)]):
+            point = score(own)
+            if point is not None and frame is frames[0] and k < len(weighing):
+                main.append(-point.likelihood)
+        if index.size == 1 and model.priors.free[index[0]].prior.family == "uniform":
+            just_reached(here, frame.value(frame.fit.clean)[0], score)
+        scored += here
     if not scored:
         return None
     scored.sort(key=lambda s: s.posterior)
@@ -246,6 +261,34 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
     constant = base.log_evidence + base_value
     grid = float(logsumexp(main) - math.log(len(main))) + constant if main else -math.inf
     return Screened(effects, model, tuple(scored), grid, base_value, tuple(frames))
+
+
+def just_reached(
+    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None], steps: int = _SECTIONS
+) -> None:
+    """Score points between the last of a limit that acts on too much and the next, that acts on nothing any more.
+
+    A limit that is just reached acts within less than a step of any grid. idle: likelihood of the base; what is scored
+    is kept by `score`. Golden section; where both points act on nothing it goes on towards those that act.
+    """
+    points = sorted(found, key=lambda p: float(p.own[0]))
+    idles = [abs(p.likelihood - idle) < _IDLE for p in points]
+    for i in range(1, len(points)):
+        if idles[i - 1] == idles[i]:
+            continue
+        acting, resting = (points[i - 1], points[i]) if idles[i] else (points[i], points[i - 1])
+        a, b = float(acting.own[0]), float(resting.own[0])
+        inner: dict[float, float] = {}
+        for _ in range(steps):
+            x1, x2 = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)  # x1 is nearer to what acts
+            for x in (x1, x2):
+                if x not in inner:
+                    p = score(np.array([x]))
+                    inner[x] = p.likelihood if p is not None else math.inf
+            if inner[x1] <= inner[x2] + _IDLE:
+                b = x2
+            else:
+                a = x1
 
 
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:

@@ -168,9 +168,10 @@ class SensorClipping(Effect):
     black_box = True
 
     def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
-        """The upper half of the recorded range."""
+        """The upper half of the recorded range, and above it what an offset may hide of it."""
         low, high = displacement_range(campaign)
-        return {"y_max_m": Prior("uniform", 0.5 * (low + high), high)} if high > low else {}
+        offset = stated_accuracy(campaign) or 0.0
+        return {"y_max_m": Prior("uniform", 0.5 * (low + high), high + offset)} if high > low else {}
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the limit."""
