@@ -36,6 +36,9 @@ _NARROW = 3.5
 _COARSEST = 2.0
 #: quantiles of a log-normal strength below those of the grid
 _WEAK = (0.02, 0.004)
+#: frequencies of a resonance that are tried, and damping ratios
+_RESONANCES = 24
+_DAMPINGS = (0.04, 0.12, 0.35)
 #: the same of a strength that is uniform from zero, in shares of its range
 _SLIGHT = (0.04, 0.008)
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
@@ -180,6 +183,11 @@ def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, flo
         return [np.array([x]) for share in _ENDS for x in (a + share * (b - a), b - share * (b - a))]
     if len(priors) not in (2, 3):
         return []
+    if model.priors.free[index[0]].unit == "Hz":
+        # a resonance shows within its width only, and rings with the wrong sign beside it
+        f = np.geomspace(priors[0].a, priors[0].b, _RESONANCES) if priors[0].family == "loguniform" else np.empty(0)
+        own = [math.log(x) for x in f]
+        return [np.array([x, y]) for x in own for y in np.log(_DAMPINGS)] if len(priors) == 2 else []
     if priors[0].family == "lognormal":
         shift = math.log(values[priors[0].relative_to]) if priors[0].relative_to else 0.0
         weak = [float(priors[0].ppf(np.array([quantile]), shift)[0]) for quantile in _WEAK]
