@@ -24,7 +24,7 @@ from .features import Features
 from .locate import Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
-from .relabel import FURTHER, in_place_of_one, without_stand_in
+from .relabel import FURTHER, in_place_of_one, without_one, without_stand_in
 from .relocate import relocated
 from .ridge import integrated
 from .slow_start import LIMITS, low_start, slow_start
@@ -67,6 +67,8 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 }
 
 
+#: nats by which a fit from elsewhere has to beat the one that was weighed
+_CLEARLY = 10.0
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 
@@ -230,9 +232,10 @@ def name_physics(
         """The same, or what is likelier once no mode of the base stands in for another effect."""
         more = [t for t in _second_thoughts(w, none.weighed.fit, model, names, prior, given, say, rng) if enough(t)]
         for t in more:
-            if t.name not in weighed or t.log_evidence > weighed[t.name].log_evidence:
+            # these are Laplace's evidences, which overstate along ridges
+            if t.name not in weighed or t.log_evidence > weighed[t.name].log_evidence + _CLEARLY:
                 weighed[t.name] = t
-        return max([w, *more], key=weight)
+        return max([w, *(t for t in more if weighed[t.name] is t)], key=weight)
 
     ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
     best = none
@@ -408,19 +411,28 @@ def _second_thoughts(
     w: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
     say: Report, rng: np.random.Generator,
 ) -> list[Weighed]:
-    """Rivals of an explanation with a further mode, in which that mode is one of the base's.
+    """Rivals that are looked for from where an explanation stands.
 
-    A mode of the base may have gone astray, and then the further one does its work; or it stands in for another effect
-    (a mode far faster than the sampling is a damper), and then that effect is looked for in its place.
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed. A mode of the
+    base may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far
+    faster than the sampling is a damper), and then that effect is looked for in its place.
     """
+    out: list[Weighed] = []
+    laws = {**overrides, **_law_of(w)}
+    for dropped in w.effects if len(w.effects) > 1 else ():
+        m = extended(model, [n for n in w.effects if n != dropped], laws)
+        alone = without_one(w, dropped, base, m, prior) if m is not None else None
+        if alone is not None:
+            out.append(alone)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
-        return []
-    m = extended(model, others, {**overrides, **_law_of(w)}) if others else model
+        return out
+    m = extended(model, others, laws) if others else model
     if m is None:
-        return []
+        return out
     simpler = in_place_of_one(w, base, m, prior)
-    out = [simpler] if simpler is not None and simpler.effects else []
+    if simpler is not None and simpler.effects:
+        out.append(simpler)
     without = without_stand_in(w, m, prior)
     if without is not None:
         start = Weighed(tuple(others), without, without.log_evidence, 0.1, 0.0)

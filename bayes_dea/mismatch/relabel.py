@@ -1,4 +1,4 @@
-"""A mode of the model that went astray, told from one that was left out.
+"""Explanations with fewer effects, begun from those with more: a mode that went astray, an effect that is not needed.
 
 Where two effects are fitted at once, one of the base's modes may end where it serves nothing (a local maximum), and a
 further mode then explains what that one should. So a further mode is tried in the place of each of the base's, without
@@ -50,6 +50,23 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     others = tuple(n for n in found.effects if n != FURTHER)
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
+
+
+def without_one(found: Weighed, dropped: str, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
+    """`found` without the effect `dropped`, refitted from where it stands: whether it takes both is asked from there.
+
+    model: the base with the other effects of `found`. None where it has no answer.
+    """
+    problem = found.fit.problem.with_model(model)
+    before = found.fit.problem.model
+    q = np.array([found.fit.q[before.priors.names.index(n)] for n in model.priors.names])
+    low, high = bounds(problem)
+    start = np.clip(np.concatenate([q, found.fit.q[before.dimension :]]), low + 1e-9, high - 1e-9)
+    fit = refit(problem, start, prior.start(), prior)
+    if fit is None:
+        return None
+    others = tuple(n for n in found.effects if n != dropped)
+    return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
 
 def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | None:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BayesDEAError, InputError
+from ..results import write_text
 from ..run_state import finished
 from . import kept
 from .section import Section
@@ -184,7 +185,7 @@ class _Crew:
     def _keep_traceback(job: _Job, message: dict[str, Any]) -> None:
         with contextlib.suppress(OSError):  # a full disk may be why it failed
             job.path.parent.mkdir(parents=True, exist_ok=True)
-            job.path.with_suffix(".error.txt").write_text(message["traceback"], encoding="utf-8")
+            write_text(job.path.with_suffix(".error.txt"), message["traceback"])
 
 
 def _next(messages: queue.Queue[tuple[str, dict[str, Any]]]) -> tuple[str, dict[str, Any]]:

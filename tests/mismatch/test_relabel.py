@@ -7,7 +7,7 @@ import pytest
 
 from bayes_dea.mismatch.name import extended
 from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import in_place_of_one, without_stand_in
+from bayes_dea.mismatch.relabel import in_place_of_one, without_one, without_stand_in
 from bayes_dea.mismatch.weigh import Weighed
 
 
@@ -55,3 +55,20 @@ def test_what_a_mode_stood_in_for_is_looked_for_in_its_place(diagnosed):
         [both.from_prior_coordinates(np.where(x == np.log(4e-4), np.log(0.02), x)[None])[0], right.q[model.dimension :]]
     )))  # fmt: skip
     assert without_stand_in(slow, model, prior) is None
+
+
+def test_an_effect_that_is_not_needed_is_left_out_again(diagnosed):
+    """From a pair with a stray second effect the fit of the first alone is the one that was right."""
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    right = result.corrected
+    model = right.problem.model
+    both = extended(model, ["sensor_drift"], {})
+    values = {**right.values(), "drift_m_per_s": 1e-8, "R_s_ohm": 1.0e5}
+    x = np.array([np.log(values[p.name]) if p.prior.is_log else values[p.name] for p in both.priors.free])
+    q = np.concatenate([both.from_prior_coordinates(x[None])[0], right.q[model.dimension :]])
+    fit = replace(right, problem=right.problem.with_model(both), q=q)
+    found = Weighed(("series_resistance", "sensor_drift"), fit, 0.0, 0.1, 1e-6)
+    alone = without_one(found, "sensor_drift", result.base, model, noise_prior(result.assembled))
+    assert alone.name == "series_resistance"
+    assert alone.fit.objective == pytest.approx(right.objective, abs=0.5)
+    assert alone.size_m > 1e-6
