@@ -51,7 +51,6 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
 
-
 def without_one(found: Weighed, dropped: str, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
     """`found` without the effect `dropped`, refitted from where it stands: whether it takes both is asked from there.
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..results import read_json, write_atomic
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture
+from .templating import environment
 
 _TEMPLATE = "comparison.html.j2"
 _MOST_ROWS = 20
@@ -24,20 +25,11 @@ def write_comparison_page(folder: Path) -> Path:
 
     Raises InputError where that file is missing or not whole.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     try:
         summary = read_json(folder / "comparison.json")
         ranking = summary["ranking"]
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: no whole comparison ({error!r}); run the comparison again") from error
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     with looks():
         pictures = {
             "ranking": _ranking(ranking),
@@ -45,7 +37,7 @@ def write_comparison_page(folder: Path) -> Path:
             "recordings": _by_recording(summary),
             "elements": _elements(summary),
         }
-    html = environment.get_template(_TEMPLATE).render(
+    html = environment().get_template(_TEMPLATE).render(
         s=summary,
         p=pictures,
         rows=[_row(e, ranking[0]) for e in ranking],

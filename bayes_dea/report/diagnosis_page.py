@@ -17,6 +17,7 @@ from ..results import read_json, write_atomic
 from . import digits
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
 from .tables import origin_of
+from .templating import environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,21 +32,12 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
 
     report: called with (done, of, text) as pictures are drawn. Raises InputError when a file is missing or broken.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     try:
         summary = read_json(folder / "diagnosis.json")
         with np.load(folder / "diagnosis.npz", allow_pickle=False) as file:
             data = {k: file[k] for k in file.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{folder}: no whole diagnosis ({error}); run the diagnosis again") from error
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     worst = _worst(summary, data)
     drawings: list[tuple[str, Callable[[], Picture | None]]] = [
         *(("where", partial(_residuals, summary, data, i)) for i in worst),
@@ -65,7 +57,7 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
             if report is not None:
                 report(done, len(drawings), name)
     origin = origin_of(summary.get("meta") or {})
-    html = environment.get_template(_TEMPLATE).render(
+    html = environment().get_template(_TEMPLATE).render(
         s=summary,
         statement=digits.page_text(summary["statement"]),
         warnings=[digits.page_text(str(w)) for w in summary["warnings"]],

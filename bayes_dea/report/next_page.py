@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..experiments.words import duration, settings_in_words
 from ..results import read_json, write_atomic
 from .style import BAR, BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
+from .templating import environment
 
 _TEMPLATE = "next.html.j2"
 _ROWS, _TABLE = 16, 40
@@ -30,8 +31,6 @@ def write_next_page(folder: Path) -> Path:
 
     Raises InputError where they are missing or not whole.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     try:
         s = read_json(folder / "next.json")
         ranking, planned = s["ranking"], s["plan"]["experiments"]
@@ -39,13 +38,6 @@ def write_next_page(folder: Path) -> Path:
         command = _command(folder / (planned[0]["file"] or ranking[0]["file"]))
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"{folder}: no whole proposal ({error!r}); run next again") from error
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     with looks():
         pictures = {
             "ranking": _ranking(_best_of_each(ranking)),
@@ -54,7 +46,7 @@ def write_next_page(folder: Path) -> Path:
             "widths": _widths(s),
             "probabilities": _probabilities(s),
         }
-    html = environment.get_template(_TEMPLATE).render(
+    html = environment().get_template(_TEMPLATE).render(
         s=s,
         p=pictures,
         rows=[_row(e) for e in _for_table(ranking)],

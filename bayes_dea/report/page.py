@@ -14,6 +14,7 @@ from ..store import REPORT_FILE
 from . import digits, figures_parameters, figures_recordings, live_plot, tables
 from .data import RecordingData, ResultData, read_result
 from .style import Picture, looks
+from .templating import environment
 from .verdict import verdict
 
 _TEMPLATE = "report.html.j2"
@@ -57,17 +58,9 @@ def write_report(folder: Path, interactive: bool = True, report: Report | None =
 
 def render(data: ResultData, interactive: bool = True, report: Report | None = None) -> str:
     """The page as HTML."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["breakable"] = tables.breakable
-    return environment.get_template(_TEMPLATE).render(context(data, interactive, report))
+    pages = environment()
+    pages.filters["breakable"] = tables.breakable
+    return pages.get_template(_TEMPLATE).render(context(data, interactive, report))
 
 
 def context(data: ResultData, interactive: bool = True, report: Report | None = None) -> dict[str, Any]:

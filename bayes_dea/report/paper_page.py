@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..results import read_json, write_atomic
 from . import digits
 from .style import Picture, looks
+from .templating import environment
 
 _TEMPLATE = "paper.html.j2"
 #: kinds of entries in the order of every table: badge, heading of the column, what it means
@@ -51,25 +52,16 @@ def write_paper_page(folder: Path) -> Path:
 
     Raises InputError where one of them is missing or not whole.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     try:
         summary = read_json(folder / "paper.json")
         sections = [read_json(folder / "sections" / f"{s['name']}.json") for s in summary["sections"]]
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: no whole redone paper ({error!r}); run bayes-dea paper again") from error
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     with looks():
         parts = [_part(s) for s in sections]
     rows = [_row(e) for part in sections if part["name"] != _SLIPS for e in part["entries"]]
     slips = [kind_of(e) for part in sections if part["name"] == _SLIPS for e in part["entries"]]
-    html = environment.get_template(_TEMPLATE).render(
+    html = environment().get_template(_TEMPLATE).render(
         s=summary,
         kinds=KINDS,
         statement=_words(summary["statement"]),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..results import write_atomic
 from . import digits, style
 from .style import Picture
+from .templating import environment
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,20 +64,11 @@ def write_prediction_page(path: Path, view: PredictionView) -> Path:
 
 def render(view: PredictionView) -> str:
     """The page as HTML."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     s = view.summary
     with style.looks():
         pictures = [overview_picture(view), detail_picture(view), miss_picture(view), width_picture(view)]
     origin = str(s.get("origin") or "")
-    return environment.from_string(_PAGE).render(
+    return environment().from_string(_PAGE).render(
         model=s["model"],
         signal=s["signal"],
         wanted=(s.get("wanted") or {}).get("file"),
