@@ -18,6 +18,7 @@ from ..find_map import MapSettings, find_map
 from ..fit.swarm import SwarmSettings
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
+from . import second_look
 from .ask import first_experiment, next_experiment
 from .clipped import cut_out, restored, sensor_limit
 from .features import Features, features
@@ -25,7 +26,7 @@ from .locate import scan
 from .name import ADEQUATE, NONE, UNKNOWN, Explanation, Naming, name_physics
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
-from .prove import HeldOut, held_out, unanswered
+from .prove import HeldOut, held_out, unanswered, without_validation
 from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, odd_one_out, other_holds
@@ -72,6 +73,10 @@ class Diagnosis:
     proof: list[HeldOut] = field(repr=False)
     looks: list[Features] = field(repr=False)
     summary: dict[str, Any]
+    #: p-value of what the recordings to validate show beside the verdict, where they contradict it
+    contradiction: float | None = None
+    #: what is to be said of the recordings themselves
+    notes: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -89,20 +94,60 @@ def diagnose(
 ) -> Diagnosis:
     """Find where a model and recordings differ, name the physics that was left out, and prove the repair.
 
-    Recordings with role "validate" are touched by the proof alone. Raises InputError for input that cannot be
-    diagnosed.
+    Recordings with role "validate" are touched by the proof alone; only where they contradict the verdict is it
+    sought again on all recordings, and proved by leaving those to validate out in turn. Raises InputError for input
+    that cannot be diagnosed.
     """
     s = settings or DiagnosisSettings()
     say = report or (lambda *_: None)
     if isinstance(model, str):
         model = build_model(model, priors)
     began = time.perf_counter()
+    first = _once(campaign, model, seed, s, say, priors)
+    second = None
+    if first.contradiction is not None:
+        say("looking again", 0, 1, "the recordings to validate contradict the verdict")
+        second = _once(second_look.all_to_identify(campaign), model, seed, s, say, priors,
+                       second_look.to_validate(campaign))
+    result = first if second is None else _decided(first, second, campaign)
+    result.summary["seconds"] = time.perf_counter() - began
+    return result
+
+
+def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnosis:
+    """The diagnosis that counts, of one on the recordings to identify and one on all; it says what happened."""
+    p_value = first.contradiction
+    assert p_value is not None
+    if second_look.overrules(first.summary, second.summary):
+        result = second
+        note = second_look.overruled_note(first.summary, p_value, second_look.to_validate(campaign))
+        result.summary["statement"] = f"{result.summary['statement']} {note}."
+    else:
+        # a recording of another actuator among those to validate, say
+        result, note = first, "; ".join(second.notes) or second_look.kept_note(p_value)
+    result.summary["warnings"].insert(0, note)
+    for phase, seconds in (first if result is second else second).summary["seconds_by"].items():
+        result.summary["seconds_by"][phase] = result.summary["seconds_by"].get(phase, 0.0) + seconds
+    return result
+
+
+def _once(
+    campaign: Campaign,
+    model: Model,
+    seed: int,
+    s: DiagnosisSettings,
+    say: Report,
+    priors: Mapping[str, Any] | None,
+    in_turn: tuple[str, ...] = (),
+) -> Diagnosis:
+    """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate."""
+    began = time.perf_counter()
     laps: dict[str, float] = {}
 
     def lap(name: str) -> None:
         laps[name] = time.perf_counter() - began - sum(laps.values())
 
-    r_map, r_name = np.random.default_rng(seed).spawn(2)
+    r_map, r_name, r_look = np.random.default_rng(seed).spawn(3)
     say("reading noise", 0, 1, campaign.name)
     limit = sensor_limit(campaign)
     assembled = assemble(campaign if limit is None else cut_out(campaign, limit), model, s.workers)
@@ -189,7 +234,10 @@ def diagnose(
     if limit is not None:
         whole = {p.name: p for p in restored([p for p in scored if not p.identify], campaign, limit)}
         scored = tuple(whole.get(p.name, p) for p in scored)
-    proof, how = _proof(base, corrected, scored, prior, clip)
+    proof, how = _proof(base, corrected, scored, prior, clip, in_turn)
+    against = None
+    if verdict != UNKNOWN and naming.best.adequate:
+        against = second_look.contradiction(corrected, seen.pieces, prior, limit, r_look)
     lap("prove")
     say("asking", 0, 1, "the next experiment")
     members = indistinguishable(verdict, raw)
@@ -206,6 +254,8 @@ def diagnose(
     summary = summarise(
         assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model
     )
+    if how != "validate" and not in_turn:
+        summary["warnings"].append(without_validation(proof))
     # file names keep their letters
     summary["statement"] = " ".join([*(f"{n}." for n in notes), summary["statement"]])
     if seen.odd is not None:
@@ -215,7 +265,7 @@ def diagnose(
     lap("write")
     summary["seconds"] = time.perf_counter() - began
     summary["seconds_by"] = laps
-    return Diagnosis(assembled, base, corrected, naming, proof, looks, summary)
+    return Diagnosis(assembled, base, corrected, naming, proof, looks, summary, against, tuple(seen.notes))
 
 
 def _resolution(campaign: Campaign) -> float:
@@ -247,22 +297,29 @@ def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator) -> Rere
 
 
 def _proof(
-    base: Fit, corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit_m: float = math.inf
+    base: Fit,
+    corrected: Fit,
+    pieces: tuple[Piece, ...],
+    prior: NoisePrior,
+    limit_m: float = math.inf,
+    in_turn: tuple[str, ...] = (),
 ) -> tuple[list[HeldOut], str]:
-    """Held-out scores on the recordings to validate, or leaving out those to identify in turn."""
+    """Held-out scores on the recordings to validate, or leaving out those to identify (some of them) in turn."""
     held = tuple(p for p in pieces if not p.identify)
     if held:
         return held_out(base, corrected, held, limit_m), "validate"
     if len(base.problem.pieces) < 2:
         return [], "none"
-    return leave_out_in_turn(base, corrected, prior), "left out in turn"
+    return leave_out_in_turn(base, corrected, prior, in_turn), "left out in turn"
 
 
-def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior) -> list[HeldOut]:
-    """Each fitted recording scored by refits that have not seen it."""
+def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = ()) -> list[HeldOut]:
+    """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
     out = []
     used = base.problem.pieces
     for piece in used:
+        if names and piece.name not in names:
+            continue
         rest = tuple(p for p in used if p is not piece)
         fits = []
         for fit in (base, corrected):

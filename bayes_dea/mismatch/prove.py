@@ -88,6 +88,13 @@ def unanswered(proof: list[HeldOut], model: str) -> list[str]:
     ]
 
 
+def without_validation(proof: list[HeldOut]) -> str:
+    """Warning of a campaign without recordings to validate."""
+    if not proof:
+        return "there is one recording only: nothing is left to prove the verdict on; record a second one"
+    return 'no recording has role "validate": the proof was made by leaving out recordings in turn'
+
+
 def own_offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> Array:
     """Residual (n,) after the recording's own gain, offset and mains by least squares; nan without a reading.
 

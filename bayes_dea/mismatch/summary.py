@@ -89,12 +89,6 @@ def summarise(
     }
     if mended is not None:
         out["repair"] = mended
-    if how != "validate":
-        out["warnings"].append(
-            'no recording has role "validate": the proof was made by leaving out recordings in turn'
-            if proof
-            else "there is one recording only: nothing is left to prove the verdict on; record a second one"
-        )
     out["statement"] = statement(out, naming, assembled, physics[verdict])
     if silent(naming):
         note = silent_note(out)

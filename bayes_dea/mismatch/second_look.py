@@ -1,0 +1,76 @@
+"""Recordings to validate that contradict a verdict: it is sought again on all recordings.
+
+What no recording to identify shows (a slow amplifier where all fast waves were kept for validation) cannot be named
+from them, and a stand-in that fits them may fail beyond. The contradiction is tested as adequacy is everywhere: the
+explanation fitted to all recordings, and the scan over what is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..campaign.schema import Campaign
+from .clipped import Limit, below
+from .locate import scan
+from .name import ADEQUATE, NONE
+from .noise_prior import NoisePrior
+from .reduced import Piece
+from .refit import Fit, refit
+
+
+def contradiction(
+    corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit: Limit | None, rng: np.random.Generator
+) -> float | None:
+    """p-value of what an explanation leaves in all recordings together, where it is one that refutes it; else None.
+
+    corrected: the explanation, fitted to the recordings to identify, adequate there.
+    """
+    if not any(not p.identify for p in pieces):
+        return None
+    if limit is not None:
+        pieces = below(pieces, limit, corrected)
+    together = refit(replace(corrected.problem, pieces=pieces), corrected.q, corrected.noise, prior)
+    if together is None:
+        return 0.0
+    p_value = scan(together, rng).p_value
+    return p_value if p_value <= ADEQUATE else None
+
+
+def to_validate(campaign: Campaign) -> tuple[str, ...]:
+    """Names of the recordings to validate."""
+    return tuple(r.name for r in campaign.recordings if r.role == "validate")
+
+
+def all_to_identify(campaign: Campaign) -> Campaign:
+    """The campaign with every recording to identify."""
+    return replace(campaign, recordings=tuple(replace(r, role="identify") for r in campaign.recordings))
+
+
+def overrules(first: dict[str, Any], second: dict[str, Any]) -> bool:
+    """Whether the verdict on all recordings replaces the one on those to identify: summaries of both.
+
+    The same verdict keeps the proof that no fit and no choice has seen; "none" on all recordings is no better answer
+    than what explains a part of them.
+    """
+    return bool(second["verdict"] not in (first["verdict"], NONE))
+
+
+def overruled_note(first: dict[str, Any], p_value: float, names: tuple[str, ...]) -> str:
+    """One line on a verdict that the recordings to validate contradict."""
+    said = "no reason to doubt the model" if first["verdict"] == NONE else first["verdict"]
+    return (
+        f"The recordings to identify alone say: {said} (confidence {first['confidence']:.2f}). Together with the "
+        f"{len(names)} to validate this does not hold (p = {max(p_value, 1e-300):.1g}), so that all recordings were "
+        "used to name what was left out, and the proof leaves those to validate out of the fit in turn"
+    )
+
+
+def kept_note(p_value: float) -> str:
+    """One line on recordings to validate that contradict a verdict which stands all the same."""
+    return (
+        f"on the recordings to validate something is left that the verdict does not explain (p = "
+        f"{max(p_value, 1e-300):.1g}), and all recordings together do not say what"
+    )

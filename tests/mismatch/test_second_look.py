@@ -1,0 +1,54 @@
+"""Recordings to validate that contradict the verdict on those to identify."""
+
+from dataclasses import replace
+
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch import second_look
+from bayes_dea.mismatch.diagnosis import diagnose
+
+LIMIT = {"supply_saturation": {"V_max_V": 1110.0}}
+
+
+def with_roles(campaign, validate):
+    """The campaign with other recordings to validate."""
+    roles = ("validate" if r.name in validate else "identify" for r in campaign.recordings)
+    return replace(campaign, recordings=tuple(
+        replace(r, role=role) for r, role in zip(campaign.recordings, roles, strict=True)))
+
+
+def test_what_only_recordings_to_validate_show_is_named_and_said():
+    """An amplifier that ends at 1,110 V, with the one recording above that kept for validation."""
+    high = {"creep_1200V.csv", "triangle_1Hz.csv"}
+    s = diagnose(with_roles(concealed(LIMIT), high), "hooke+gm3").summary
+    assert s["verdict"] == "supply_saturation"
+    assert "The recordings to identify alone say: no reason to doubt the model" in s["warnings"][0]
+    assert s["warnings"][0] in s["statement"]
+    assert s["proof"]["how"] == "left out in turn"
+    assert {h["recording"] for h in s["proof"]["held_out"]} == high
+    assert s["proof"]["rmse_after_m"] < 1.05 * s["proof"]["noise_m"] < s["proof"]["rmse_before_m"]
+    assert not any("no recording has role" in w for w in s["warnings"])
+
+
+def test_recordings_that_agree_are_not_looked_at_twice(diagnosed):
+    for name, parameters in (("none", {}), ("series_resistance", {"R_s_ohm": 1.2e5})):
+        result = diagnosed(name, parameters)
+        assert result.contradiction is None
+        assert result.summary["proof"]["how"] == "validate"
+
+
+def test_the_first_verdict_stands_where_all_recordings_say_no_more():
+    first = {"verdict": "sensor_lag", "confidence": 0.9}
+    assert not second_look.overrules(first, {"verdict": "sensor_lag"})
+    assert not second_look.overrules(first, {"verdict": "none"})
+    assert second_look.overrules(first, {"verdict": "unknown"})
+    assert second_look.overrules(first, {"verdict": "series_resistance"})
+
+
+def test_a_recording_of_another_actuator_among_those_to_validate_is_named():
+    c = concealed(validate=False)
+    shrunk = [replace(r, columns={**r.columns, "displacement_m": r.columns["displacement_m"] / 1.15})
+              if r.name == "triangle_1Hz.csv" else r for r in c.recordings]
+    s = diagnose(with_roles(replace(c, recordings=tuple(shrunk)), {"triangle_1Hz.csv"}), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert "triangle_1Hz.csv: this recording does not belong to the actuator of the others" in s["warnings"][0]
