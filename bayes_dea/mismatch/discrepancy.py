@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .features import HARMONICS, Features, features
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
+from .whitening import Shared
 
 Array = NDArray[np.float64]
 
@@ -98,8 +99,9 @@ def discrepancy(fit: Fit, columns: list[Array], prior: NoisePrior, starts: Seque
     gains = []
     best = (-math.inf, 0.0)
     seeds = [fit.q, *starts]
+    shared = Shared(columns)
     for a in AMPLITUDES_M:
-        problem = replace(fit.problem, shared=tuple(columns), amplitude_m=float(a))
+        problem = replace(fit.problem, shared=shared, amplitude_m=float(a))
         found = [
             f for q in seeds if (f := refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False)) is not None
         ]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from .features import HARMONICS, SINCE_EDGE, Features, features
-from .problem import whiten
 from .refit import Fit
+from .whitening import whiten
 
 Array = NDArray[np.float64]
 

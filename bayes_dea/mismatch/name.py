@@ -79,7 +79,7 @@ class Explanation:
 
     weighed: Weighed
     scan: Scan
-    discrepancy: Discrepancy
+    discrepancy: Discrepancy | None  # of "none" where it is the best answer only: beside a better one it is dear
 
     @property
     def adequate(self) -> bool:
@@ -98,7 +98,6 @@ class Naming:
     log_evidence_se: dict[str, float]
     probability: dict[str, float]
     log_weight: dict[str, float]  # log evidence and log prior, not normalised
-    explanations: dict[str, Explanation] = field(repr=False)
     skipped: dict[str, str] = field(default_factory=dict)
     visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
 
@@ -163,15 +162,10 @@ def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object
 
 
 def explain(
-    weighed: Weighed,
-    looks: list[Features],
-    columns: list[Array],
-    rng: np.random.Generator,
-    prior: NoisePrior,
-    starts: Sequence[Array] = (),
+    weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior
 ) -> Explanation:
     """A hypothesis with its adequacy and what a discrepancy would add."""
-    return Explanation(weighed, scan(weighed.fit, rng, looks), discrepancy(weighed.fit, columns, prior, starts))
+    return Explanation(weighed, scan(weighed.fit, rng, looks), discrepancy(weighed.fit, columns, prior))
 
 
 def name_physics(
@@ -198,9 +192,7 @@ def name_physics(
     columns = basis(base, looks)
     model = base.problem.model
     frames = frames_of(base, looks, prior)
-    none = explain(
-        Weighed((), base, base.log_evidence, 0.1, 0.0), looks, columns, rng, prior, [f.fit.q for f in frames[1:]]
-    )
+    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, looks), None)
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces}, established)
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
     low = None
@@ -214,7 +206,6 @@ def name_physics(
     weighed = _refined(base, found, prior, say, 2, rng, spoiled)
     if weighed is None:
         return None
-    explanations = {NONE: none}
     odds = prior_odds()
 
     def enough(w: Weighed) -> bool:
@@ -239,15 +230,17 @@ def name_physics(
 
     ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
     best = none
+    partial: list[Explanation] = []  # the discrepancy beside each contains the one beside the base
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
         say("checking what is left", 0, 1, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
         best = explain(thoughts(ranked[0]), looks, columns, rng, prior)
-        explanations[best.weighed.name] = best
+        partial.append(best)
     # more than one effect, where one is not enough
     for _ in range(most_effects):
-        if (best.adequate and best.discrepancy.gain < 5.0) or not 1 <= len(best.weighed.effects) < most_effects:
+        gain = best.discrepancy.gain if best.discrepancy else 0.0
+        if (best.adequate and gain < 5.0) or not 1 <= len(best.weighed.effects) < most_effects:
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
@@ -263,7 +256,7 @@ def name_physics(
             return None
         top = thoughts(top)
         best = explain(top, looks, columns, rng, prior)
-        explanations[best.weighed.name] = best
+        partial.append(best)
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
@@ -273,13 +266,20 @@ def name_physics(
             continue
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = share(w)
-    evidence[UNKNOWN] = max(e.weighed.log_evidence + e.discrepancy.gain for e in explanations.values())
+    if not partial:
+        # what imitated something that was left out has to find back
+        beside = discrepancy(base, columns, prior, [f.fit.q for f in frames[1:]])
+        none = best = replace(none, discrepancy=beside)
+        partial = [none]
+    evidence[UNKNOWN] = max(
+        e.weighed.log_evidence + e.discrepancy.gain for e in partial if e.discrepancy is not None
+    )
     error[UNKNOWN] = 0.5
     log_p = {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
     total = float(logsumexp(list(log_p.values())))
     probability = {k: math.exp(v - total) for k, v in log_p.items()}
     probability = _with_adequacy(probability, best)
-    return Naming(none, best, weighed, evidence, error, probability, log_p, explanations, skipped, visible)
+    return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, visible)
 
 
 def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:

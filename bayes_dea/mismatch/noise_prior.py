@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled
-from .problem import Noise
+from .whitening import Noise
 
 #: relative accuracy of sigma, absolute one of atanh rho, that quiet stretches are trusted to
 SIGMA_LOG_SD = 0.01

@@ -8,68 +8,23 @@ columns is all that a Gauss-Newton step, a score and an evidence need.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from ..assemble import Assembled
 from ..campaign.schema import Actuator
 from ..models.model import Model
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
-from ..noise.blocks import block_whiten
 from .reduced import Piece, gain_groups
+from .whitening import Noise, Shared, whiten
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Noise:
-    """sigma by channel; rho by channel and rate."""
-
-    sigma: Mapping[str, float]
-    rho: Mapping[str, tuple[float, ...]]
-
-    def of(self, piece: Piece) -> tuple[float, float]:
-        """sigma and rho of a piece."""
-        return self.sigma[piece.channel], self.rho[piece.channel][piece.rate]
-
-
-@dataclass(frozen=True)
-class Whitened:
-    """Columns of one piece whitened, nuisance columns beside them."""
-
-    columns: Array  # (k, nb)
-    nuisance: Array  # (m, nb)
-    coupling: Array  # (m, k): what elimination takes from the columns: M^-1 B C^T
-    logdet: float  # of the covariance of the block means, nuisance integrated out
-
-    def gram(self) -> Array:
-        """(k, k) Gram of the columns, nuisance integrated out."""
-        cross = self.columns @ self.nuisance.T
-        return self.columns @ self.columns.T - cross @ self.coupling
-
-
-def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
-    """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""
-    sigma, rho = noise.of(piece)
-    k = len(columns)
-    x, logdet = block_whiten(
-        np.concatenate([columns, piece.nuisance]),
-        piece.blocks.count,
-        sigma,
-        rho,
-        piece.blocks.gap,
-        piece.white_variance,
-    )
-    C, B = x[:k], x[k:]
-    M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
-    coupling = np.asarray(np.linalg.solve(M, B @ C.T), dtype=float)
-    logdet += float(np.linalg.slogdet(M)[1] + 2.0 * np.sum(np.log(piece.nuisance_sd)))
-    return Whitened(C, B, coupling, logdet)
 
 
 @dataclass(frozen=True)
@@ -90,7 +45,7 @@ class Problem:
     zero_mean: Array  # (nz,)
     zero_sd: Array
     gain_sd: Array  # (ng,)
-    shared: tuple[Array, ...] = ()  # by piece (K, nb): a discrepancy's columns, coefficients N(0, amplitude_m^2)
+    shared: Shared | None = None  # a discrepancy's columns, coefficients N(0, amplitude_m^2)
     amplitude_m: float = 0.0
 
     @staticmethod
@@ -260,24 +215,17 @@ class Problem:
 
     def sums(self, q: Array, noise: Noise, clean: list[Array], slopes: list[Array]) -> tuple[Array, float]:
         """Gram and log det at known predictions."""
-        total, logdet = None, 0.0
-        for i in range(len(self.pieces)):
-            columns = self.columns(i, q, clean, slopes)
-            k = len(columns)
-            if self.shared:
-                columns = np.concatenate([columns, self.shared[i]])
-            w = whiten(self.pieces[i], columns, noise)
-            g = w.gram()
-            total = g if total is None else total + g
-            logdet += w.logdet
-        assert total is not None
-        if self.shared:
+        whitened = [
+            whiten(piece, self.columns(i, q, clean, slopes), noise) for i, piece in enumerate(self.pieces)
+        ]
+        total = np.sum([w.gram() for w in whitened], axis=0)
+        logdet = float(sum(w.logdet for w in whitened))
+        if self.shared is not None:
             a = self.amplitude_m
-            A = a * a * total[k:, k:] + np.eye(len(total) - k)
-            C = a * total[k:, :k]
-            factor = np.linalg.cholesky(0.5 * (A + A.T))
-            z = np.linalg.solve(factor, C)
-            total = total[:k, :k] - z.T @ z
+            among, beside = self.shared.grams(self.pieces, whitened, noise)
+            factor = np.linalg.cholesky(a * a * among + np.eye(len(among)))
+            z = solve_triangular(factor, a * beside, lower=True)
+            total = total - z.T @ z
             logdet += 2.0 * float(np.sum(np.log(np.diag(factor))))
         return total, logdet
 

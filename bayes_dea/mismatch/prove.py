@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..noise.blocks import block_means
-from .problem import whiten
 from .reduced import Piece
 from .refit import Fit
+from .whitening import whiten
 
 Array = NDArray[np.float64]
 

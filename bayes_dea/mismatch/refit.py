@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from .noise_prior import NoisePrior
-from .problem import Kept, Noise, Problem
+from .problem import Kept, Problem
+from .whitening import Noise
 
 Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
@@ -198,21 +199,16 @@ def descend(
         H = gram[1:, 1:] + prior[2]
         metric = _metric(H, prior[2], decoupled)
         new: tuple[Array, float] | None = None
-        stuck = True
         for _attempt in range(8):
             step = _bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             if promised < tolerance or value - 10.0 * promised > hopeless_above:
-                stuck = False
                 break
             there = _value(problem, q + step, noise)
             if there < value:
                 new = q + step, there
                 break
             damping = max(10.0 * damping, 1e-4)
-        if new is None and stuck:
-            new = _around_a_kink(problem, q, noise, H, g, 1e-6 * metric, low, high, value - tolerance)
-            damping = 1e-6
         if new is None:
             break
         q, damping, taken = new[0], 0.1 * damping, taken + 1
@@ -231,34 +227,6 @@ def _value(problem: Problem, q: Array, noise: Noise) -> float:
     # the Jacobian is worked out only where a step is taken
     gram = problem.gram(q, noise, with_jacobian=False)[0]
     return p + 0.5 * float(gram[0, 0]) if np.isfinite(gram).all() else math.inf
-
-
-def _around_a_kink(
-    problem: Problem,
-    q: Array,
-    noise: Noise,
-    H: Array,
-    g: Array,
-    damping: Array,
-    low: Array,
-    high: Array,
-    below: float,
-) -> tuple[Array, float] | None:
-    """The best step to a value less than `below` with one coordinate held.
-
-    A delay has a kink at every sampling step, where no step along the slope of one side leads down; held there, it
-    lets the others go on. None where none does.
-    """
-    found = None
-    for i in range(q.size):
-        free = np.delete(np.arange(q.size), i)
-        step = np.zeros(q.size)
-        among = np.ix_(free, free)
-        step[free] = _bounded_step(H[among], g[free], damping[among], q[free], low[free], high[free])
-        there = _value(problem, q + step, noise)
-        if there < below:
-            found, below = (q + step, there), there
-    return found
 
 
 def _metric(H: Array, prior: Array, decoupled: Array) -> Array:

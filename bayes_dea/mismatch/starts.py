@@ -18,10 +18,11 @@ from ..models.model import Model, build_model
 from .features import features
 from .name import frames_of
 from .noise_prior import noise_prior
-from .problem import Noise, Problem
+from .problem import Problem
 from .reduced import reduce_campaign
 from .refit import refit
 from .weigh import refine, screen
+from .whitening import Noise
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,9 @@ from scipy.special import logsumexp
 
 from ..models.model import Model
 from .noise_prior import NoisePrior
-from .problem import Kept, Whitened, whiten
+from .problem import Kept
 from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
+from .whitening import Whitened, whiten
 
 Array = NDArray[np.float64]
 

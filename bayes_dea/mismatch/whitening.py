@@ -1,0 +1,88 @@
+"""Block means made white, with what is linear in each recording eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..noise.blocks import block_whiten
+from .reduced import Piece
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """sigma by channel; rho by channel and rate."""
+
+    sigma: Mapping[str, float]
+    rho: Mapping[str, tuple[float, ...]]
+
+    def of(self, piece: Piece) -> tuple[float, float]:
+        """sigma and rho of a piece."""
+        return self.sigma[piece.channel], self.rho[piece.channel][piece.rate]
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Columns of one piece whitened, nuisance columns beside them."""
+
+    columns: Array  # (k, nb)
+    nuisance: Array  # (m, nb)
+    coupling: Array  # (m, k): what elimination takes from the columns: M^-1 B C^T
+    logdet: float  # of the covariance of the block means, nuisance integrated out
+
+    def gram(self) -> Array:
+        """(k, k) Gram of the columns, nuisance integrated out."""
+        cross = self.columns @ self.nuisance.T
+        return self.columns @ self.columns.T - cross @ self.coupling
+
+
+def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
+    """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""
+    sigma, rho = noise.of(piece)
+    k = len(columns)
+    x, logdet = block_whiten(
+        np.concatenate([columns, piece.nuisance]),
+        piece.blocks.count,
+        sigma,
+        rho,
+        piece.blocks.gap,
+        piece.white_variance,
+    )
+    C, B = x[:k], x[k:]
+    M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
+    coupling = np.asarray(np.linalg.solve(M, B @ C.T), dtype=float)
+    logdet += float(np.linalg.slogdet(M)[1] + 2.0 * np.sum(np.log(piece.nuisance_sd)))
+    return Whitened(C, B, coupling, logdet)
+
+
+class Shared:
+    """Columns that all recordings share, with coefficients of their own: whitened once for a noise.
+
+    A fit with a discrepancy beside it asks for them at every step, and they are many.
+    """
+
+    def __init__(self, columns: Sequence[Array]) -> None:
+        """columns: by piece (K, nb)."""
+        self._columns = tuple(columns)
+        self._noise: Noise | None = None
+        self._whitened: list[Whitened] = []
+        self._among = np.empty((0, 0))
+
+    def grams(
+        self, pieces: Sequence[Piece], beside: Sequence[Whitened], noise: Noise
+    ) -> tuple[Array, Array]:
+        """Grams over all pieces, nuisance integrated out: of the columns (K, K), and with those `beside` (K, k)."""
+        if noise != self._noise:
+            self._whitened = [whiten(p, x, noise) for p, x in zip(pieces, self._columns, strict=True)]
+            among = np.sum([w.gram() for w in self._whitened], axis=0)
+            self._among, self._noise = 0.5 * (among + among.T), noise
+        cross = [
+            own.columns @ w.columns.T - (own.columns @ own.nuisance.T) @ w.coupling
+            for own, w in zip(self._whitened, beside, strict=True)
+        ]
+        return self._among, np.asarray(np.sum(cross, axis=0))
