@@ -37,7 +37,7 @@ def further(checkpoint: Path, k: int) -> Path:
 
 def finished(folder: Path, keep: Path | None = None) -> None:
     """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
-    for pattern in (f"{_PREFIX}*.npz", f"{PARTIAL}*"):
+    for pattern in (f"{_PREFIX}*.npz", f"{_PREFIX}*.jsonl", f"{PARTIAL}*"):
         for path in folder.glob(pattern):
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .options import (
     MEMORY_MB,
+    AnewOption,
     CampaignArgument,
     DataRootOption,
     JsonOption,
@@ -16,10 +17,13 @@ from .options import (
     PriorOption,
     PriorsOption,
     QuietOption,
+    ResumeOption,
     ScratchOption,
     SeedOption,
     WorkersOption,
+    begin,
     conclude,
+    one_of_them,
     overrides,
     room,
     threads,
@@ -41,6 +45,8 @@ def diagnose(
     data_root: DataRootOption = None,
     memory: MemoryOption = MEMORY_MB,
     scratch: ScratchOption = None,
+    resume: ResumeOption = False,
+    anew: AnewOption = False,
     json_output: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -48,13 +54,17 @@ def diagnose(
 
     Names the physics (or says "none" or "unknown"), models it, and proves the gain on
     the recordings with role "validate". Leaves diagnosis.json and report.html in --out.
+
+    Interrupted, the same command with --resume goes on to the same numbers.
     """
     from ..campaign import load_campaign
     from ..mismatch.diagnosis import DiagnosisSettings
     from ..mismatch.diagnosis import diagnose as run
     from ..mismatch.store import DIAGNOSIS_FILE, REPORT_FILE, save_diagnosis, terminal_summary
     from ..models.model import build_model
+    from ..run_state import checkpoint_for, finished
 
+    one_of_them(resume, anew)
     with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
         given = overrides(prior, priors)
@@ -63,9 +73,16 @@ def diagnose(
                                scratch=room(memory, scratch))
         with writing(out):
             settings = DiagnosisSettings(workers=threads(workers))
-            result = run(loaded, structure, seed, settings, report=report, priors=given)
+            identity = {"verb": "diagnose", "model": structure.name, "seed": seed,
+                        "priors": {p.name: str(p.prior) for p in structure.parameters},
+                        "given": {name: str(value) for name, value in given.items()},
+                        "inputs": [i["sha256"] for i in loaded.inputs]}
+            checkpoint = checkpoint_for(out, identity).with_suffix(".jsonl")
+            begin(checkpoint, resume, anew)
+            result = run(loaded, structure, seed, settings, report=report, priors=given, checkpoint=checkpoint)
             result.summary["meta"] = dict(loaded.meta)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             save_diagnosis(result, out, lambda *at: report("drawing the page", *at))
+            finished(out)
     conclude(quiet, json_output, out / DIAGNOSIS_FILE, terminal_summary(result.summary), out / REPORT_FILE)

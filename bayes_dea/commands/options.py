@@ -59,10 +59,15 @@ def threads(workers: int) -> int:
     return workers or os.cpu_count() or 1
 
 
-def begin(checkpoint: Path, resume: bool, anew: bool) -> None:
-    """What --resume and --anew do with the checkpoint that an interrupted run of the same command may have left."""
+def one_of_them(resume: bool, anew: bool) -> None:
+    """Raises InputError where both --resume and --anew are given."""
     if resume and anew:
         raise InputError("--resume and --anew: give one of them")
+
+
+def begin(checkpoint: Path, resume: bool, anew: bool) -> None:
+    """What --resume and --anew do with the checkpoint that an interrupted run of the same command may have left."""
+    one_of_them(resume, anew)
     if anew:
         checkpoint.unlink(missing_ok=True)
 

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from . import second_look
 from .ask import first_experiment, next_experiment
 from .clipped import cut_out, restored, sensor_limit
 from .features import Features, features
+from .journal import Journal
 from .locate import scan
 from .name import ADEQUATE, NONE, UNKNOWN, Explanation, Naming, name_physics
 from .noise_prior import NoisePrior, noise_prior
@@ -91,24 +93,32 @@ def diagnose(
     settings: DiagnosisSettings | None = None,
     report: Report | None = None,
     priors: Mapping[str, Any] | None = None,
+    checkpoint: Path | None = None,
 ) -> Diagnosis:
     """Find where a model and recordings differ, name the physics that was left out, and prove the repair.
 
     Recordings with role "validate" are touched by the proof alone; only where they contradict the verdict is it
     sought again on all recordings, and proved by leaving those to validate out in turn. Raises InputError for input
     that cannot be diagnosed.
+
+    checkpoint: file that keeps what was worked out; the same diagnosis, interrupted, goes on from it to the same
+    numbers.
     """
     s = settings or DiagnosisSettings()
     say = report or (lambda *_: None)
     if isinstance(model, str):
         model = build_model(model, priors)
     began = time.perf_counter()
-    first = _once(campaign, model, seed, s, say, priors)
-    second = None
-    if first.contradiction is not None:
-        say("looking again", 0, 1, "the recordings to validate contradict the verdict")
-        second = _once(second_look.all_to_identify(campaign), model, seed, s, say, priors,
-                       second_look.to_validate(campaign))
+    journal = Journal(checkpoint)
+    try:
+        first = _once(campaign, model, seed, s, say, priors, journal)
+        second = None
+        if first.contradiction is not None:
+            say("looking again", 0, 1, "the recordings to validate contradict the verdict")
+            everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
+            second = _once(everything, model, seed, s, say, priors, journal, in_turn)
+    finally:
+        journal.close()
     result = first if second is None else _decided(first, second, campaign)
     result.summary["seconds"] = time.perf_counter() - began
     return result
@@ -138,6 +148,7 @@ def _once(
     s: DiagnosisSettings,
     say: Report,
     priors: Mapping[str, Any] | None,
+    journal: Journal,
     in_turn: tuple[str, ...] = (),
 ) -> Diagnosis:
     """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate."""
@@ -164,7 +175,7 @@ def _once(
     lap("map")
     pieces = reduce_campaign(assembled)
     prior = noise_prior(assembled)
-    problem = Problem.of(assembled, model, [p for p in pieces if p.identify])
+    problem = replace(Problem.of(assembled, model, [p for p in pieces if p.identify]), journal=journal)
     zeros = posterior.zeros_part(found.x[None])
     q0 = np.concatenate(
         [posterior.model_part(found.x[None])[0], [float(v[0]) for v in zeros.values()], np.zeros(problem.gain_sd.size)]

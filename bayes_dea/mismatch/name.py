@@ -79,7 +79,7 @@ class Explanation:
 
     weighed: Weighed
     scan: Scan
-    discrepancy: Discrepancy | None  # of "none" where it is the best answer only: beside a better one it is dear
+    discrepancy: Discrepancy | None = None  # of what is adequate and of the best only: beside a poor fit it is dear
 
     @property
     def adequate(self) -> bool:
@@ -164,8 +164,9 @@ def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object
 def explain(
     weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior
 ) -> Explanation:
-    """A hypothesis with its adequacy and what a discrepancy would add."""
-    return Explanation(weighed, scan(weighed.fit, rng, looks), discrepancy(weighed.fit, columns, prior))
+    """A hypothesis with its adequacy and, where it is adequate, what a discrepancy would add."""
+    found = Explanation(weighed, scan(weighed.fit, rng, looks))
+    return replace(found, discrepancy=discrepancy(weighed.fit, columns, prior)) if found.adequate else found
 
 
 def name_physics(
@@ -192,7 +193,7 @@ def name_physics(
     columns = basis(base, looks)
     model = base.problem.model
     frames = frames_of(base, looks, prior)
-    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, looks), None)
+    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, looks))
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces}, established)
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
     low = None
@@ -230,13 +231,13 @@ def name_physics(
 
     ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
     best = none
-    partial: list[Explanation] = []  # the discrepancy beside each contains the one beside the base
+    others: list[Explanation] = []
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
         say("checking what is left", 0, 1, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
         best = explain(thoughts(ranked[0]), looks, columns, rng, prior)
-        partial.append(best)
+        others.append(best)
     # more than one effect, where one is not enough
     for _ in range(most_effects):
         gain = best.discrepancy.gain if best.discrepancy else 0.0
@@ -256,7 +257,7 @@ def name_physics(
             return None
         top = thoughts(top)
         best = explain(top, looks, columns, rng, prior)
-        partial.append(best)
+        others.append(best)
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
@@ -266,13 +267,13 @@ def name_physics(
             continue
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = share(w)
-    if not partial:
+    if best.discrepancy is None:
         # what imitated something that was left out has to find back
-        beside = discrepancy(base, columns, prior, [f.fit.q for f in frames[1:]])
-        none = best = replace(none, discrepancy=beside)
-        partial = [none]
+        starts = [f.fit.q for f in frames[1:]] if best is none else []
+        best = replace(best, discrepancy=discrepancy(best.weighed.fit, columns, prior, starts))
+        none = best if best.weighed is none.weighed else none
     evidence[UNKNOWN] = max(
-        e.weighed.log_evidence + e.discrepancy.gain for e in partial if e.discrepancy is not None
+        e.weighed.log_evidence + e.discrepancy.gain for e in (best, *others) if e.discrepancy is not None
     )
     error[UNKNOWN] = 0.5
     log_p = {k: evidence[k] + math.log(prior_of[k]) for k in evidence}

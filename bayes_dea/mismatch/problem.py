@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..campaign.schema import Actuator
 from ..models.model import Model
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
+from .journal import Journal, digest
 from .reduced import Piece, gain_groups
 from .whitening import Noise, Shared, whiten
 
@@ -35,6 +36,11 @@ class Kept:
     others: NDArray[np.int64]
     slopes: list[Array]  # by piece (others, nb)
 
+    @cached_property
+    def key(self) -> str:
+        """Digest of them."""
+        return digest(self.own, self.others, self.slopes)
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -47,6 +53,7 @@ class Problem:
     gain_sd: Array  # (ng,)
     shared: Shared | None = None  # a discrepancy's columns, coefficients N(0, amplitude_m^2)
     amplitude_m: float = 0.0
+    journal: Journal = field(default_factory=Journal, compare=False, repr=False)
 
     @staticmethod
     def of(assembled: Assembled, model: Model, pieces: Sequence[Piece]) -> Problem:
@@ -73,6 +80,13 @@ class Problem:
     def dimension(self) -> int:
         """Number of coordinates."""
         return self.model.dimension + self.zero_mean.size + self.gain_sd.size
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of what its predictions and their weights depend on, the noise apart."""
+        model = [(p.name, str(p.prior)) for p in self.model.parameters]
+        shared = None if self.shared is None else (self.shared.key, self.amplitude_m)
+        return digest(self.model.name, model, [p.key for p in self.pieces], self.zero_sd, self.gain_sd, shared)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ exact covariance.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ from ..models.nodes import Nodes, make_nodes, past_nodes
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.edges import input_noise
 from ..noise.kinks import find_kinks
+from .journal import digest
 
 if TYPE_CHECKING:
     from ..campaign.schema import Recording
@@ -55,6 +57,11 @@ class Piece:
     def name(self) -> str:
         """Name of the recording."""
         return self.prepared.name
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of what is compared: readings, blocks, masks, and how the command is read."""
+        return digest(self.name, self.recording.hold, self.y, self.blocks.count, self.blocks.gap, self.nuisance)
 
     @property
     def recording(self) -> Recording:

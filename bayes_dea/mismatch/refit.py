@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
 from .whitening import Noise
@@ -120,7 +122,50 @@ def refit(
     low, high = bounds(problem)
     margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
     low, high = low + margin, high - margin
-    q = np.clip(q0, low, high)
+    journal = problem.journal
+    key = ""
+    if journal.kept:
+        about = None if kept is None else kept.key
+        key = digest("refit", problem.key, q0, noise.key, max_steps, tolerance, fit_noise, about)
+        if key in journal:
+            return _recalled(problem, journal[key], prior, margin, low, high)
+    found = _searched(problem, np.clip(q0, low, high), noise, prior, max_steps, tolerance, fit_noise, kept, low, high)
+    if found is None:
+        journal.put(key, None)
+        return None
+    q, noise, taken, state = found
+    journal.put(key, [q.tolist(), dict(noise.sigma), {c: list(r) for c, r in noise.rho.items()}, taken])
+    return _fit(problem, q, noise, prior, taken, state, margin, low, high)
+
+
+def _recalled(
+    problem: Problem, kept: list[Any] | None, prior: NoisePrior, margin: Array, low: Array, high: Array
+) -> Fit | None:
+    """The fit whose end a journal has kept."""
+    if kept is None:
+        return None
+    q = np.array(kept[0], dtype=float)
+    noise = Noise(kept[1], {c: tuple(r) for c, r in kept[2].items()})
+    return _fit(problem, q, noise, prior, kept[3], problem.gram(q, noise), margin, low, high)
+
+
+#: Gram, log det, predictions, slopes: see `Problem.gram`
+State = tuple[Array, float, list[Array], list[Array]]
+
+
+def _searched(
+    problem: Problem,
+    q: Array,
+    noise: Noise,
+    prior: NoisePrior,
+    max_steps: int,
+    tolerance: float,
+    fit_noise: bool,
+    kept: Kept | None,
+    low: Array,
+    high: Array,
+) -> tuple[Array, Noise, int, State] | None:
+    """Descents, and the noise in between: coordinates, noise, steps taken, and what was worked out there."""
     taken = 0
     if kept is not None:
         # on the way the base's sensitivities hardly change; at the end all are worked out
@@ -133,8 +178,8 @@ def refit(
         return None
     q, taken = ended.q, taken + ended.steps
     gram, logdet, clean, slopes = ended.gram, ended.logdet, ended.clean, ended.slopes
-    base, gradient, curvature = ended.prior
     if fit_noise:
+        base, gradient, curvature = ended.prior
         noise = fit_noise_terms(problem, q, clean, noise, prior)
         gram, logdet = problem.sums(q, noise, clean, slopes)
         H = gram[1:, 1:] + curvature
@@ -145,7 +190,23 @@ def refit(
             if p + 0.5 * new[0, 0] < base + 0.5 * gram[0, 0]:
                 q = q + step
                 gram, logdet, clean, slopes = problem.gram(q, noise)
-                base, gradient, curvature = prior_derivatives(problem, q)
+    return q, noise, taken, (gram, logdet, clean, slopes)
+
+
+def _fit(
+    problem: Problem,
+    q: Array,
+    noise: Noise,
+    prior: NoisePrior,
+    taken: int,
+    state: State,
+    margin: Array,
+    low: Array,
+    high: Array,
+) -> Fit:
+    """The fit at q, with Laplace's evidence."""
+    gram, logdet, clean, slopes = state
+    base, _, curvature = prior_derivatives(problem, q)
     objective = base + 0.5 * gram[0, 0] + 0.5 * logdet + prior.minus_log(noise)
     H = gram[1:, 1:] + curvature
     H = 0.5 * (H + H.T)
@@ -187,6 +248,36 @@ def descend(
 
     hopeless_above: given up where the value less ten times what the next step promises lies above this.
     """
+    journal = problem.journal
+    if not journal.kept:
+        return _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above)
+    about = None if kept is None else kept.key
+    key = digest("descend", problem.key, q, noise.key, low, high, max_steps, tolerance, about, hopeless_above)
+    if key in journal:
+        known = journal[key]
+        if known is None:
+            return None
+        q = np.array(known[0], dtype=float)
+        gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
+        prior = prior_derivatives(problem, q)
+        return End(q, prior[0] + 0.5 * float(gram[0, 0]), known[1], gram, logdet, clean, slopes, prior)
+    end = _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above)
+    journal.put(key, None if end is None else [end.q.tolist(), end.steps])
+    return end
+
+
+def _descended(
+    problem: Problem,
+    q: Array,
+    noise: Noise,
+    low: Array,
+    high: Array,
+    max_steps: int,
+    tolerance: float,
+    kept: Kept | None,
+    hopeless_above: float,
+) -> End | None:
+    """`descend`, worked out."""
     gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
     prior = prior_derivatives(problem, q)
     if not np.isfinite(gram).all() or not np.isfinite(prior[0]):

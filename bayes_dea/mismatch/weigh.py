@@ -12,14 +12,16 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..models.model import Model
+from .journal import digest
 from .noise_prior import NoisePrior
-from .problem import Kept
+from .problem import Kept, Problem
 from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
 from .whitening import Whitened, whiten
 
@@ -99,6 +101,26 @@ class Frame:
         self.prior, self.gradient, self.curvature = base, gradient, curvature
         self.H = total[1:, 1:] + curvature
         self.Hinv = inverse(0.5 * (self.H + self.H.T))
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of the fit."""
+        return digest(self.fit.problem.key, self.fit.q, self.fit.noise.key)
+
+    def tried(self, problem: Problem, q: Array) -> tuple[float, Array] | None:
+        """`value` of another model's predictions at q; None where it has no answer."""
+        journal = problem.journal
+        key = digest("tried", self.key, problem.key, q) if journal.kept else ""
+        if key not in journal:
+            clean = problem.clean(q)
+            value, move = math.nan, np.empty(0)
+            if all(np.isfinite(x).all() for x in clean):
+                value, move = self.value(clean)
+            if not journal.kept:
+                return (value, move) if np.isfinite(value) else None
+            journal.put(key, [float(value), move.tolist()])
+        value, known = journal[key]
+        return (value, np.array(known)) if np.isfinite(value) else None
 
     def value(self, clean: list[Array]) -> tuple[float, Array]:
         """Minus log posterior (without log det terms) of other predictions, base moved along; and the move (d,)."""
@@ -246,12 +268,10 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
             own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
             if not np.isfinite(own_prior):
                 return None
-            clean = problem.clean(q)
-            if not all(np.isfinite(x).all() for x in clean):
+            found = frame.tried(problem, q)
+            if found is None:
                 return None
-            value, move = frame.value(clean)
-            if not np.isfinite(value):
-                return None
+            value, move = found
             here.append(Scored(value - own_prior, value, own, move, frame))
             return here[-1]
 
@@ -384,11 +404,10 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
                 q = fit.q.copy()
                 q[i] = np.clip(q[i] + share * widths[i], low[i] + 1e-9, high[i] - 1e-9)
                 own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
-                clean = fit.problem.clean(q)
-                if not np.isfinite(own_prior) or not all(np.isfinite(x).all() for x in clean):
+                tried = frame.tried(fit.problem, q) if np.isfinite(own_prior) else None
+                if tried is None:
                     continue
-                value, move = frame.value(clean)
-                move = move.copy()
+                value, move = tried[0], tried[1].copy()
                 move[i] = 0.0
                 if value - own_prior < here - 2.0 and (best is None or value - own_prior < best[0]):
                     best = (value - own_prior, q + move)

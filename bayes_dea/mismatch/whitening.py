@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..noise.blocks import block_whiten
+from .journal import digest
 from .reduced import Piece
 
 Array = NDArray[np.float64]
@@ -20,6 +21,11 @@ class Noise:
 
     sigma: Mapping[str, float]
     rho: Mapping[str, tuple[float, ...]]
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What a digest is made of."""
+        return tuple(self.sigma.items()), tuple(self.rho.items())
 
     def of(self, piece: Piece) -> tuple[float, float]:
         """sigma and rho of a piece."""
@@ -69,6 +75,7 @@ class Shared:
     def __init__(self, columns: Sequence[Array]) -> None:
         """columns: by piece (K, nb)."""
         self._columns = tuple(columns)
+        self.key = digest(*self._columns)
         self._noise: Noise | None = None
         self._whitened: list[Whitened] = []
         self._among = np.empty((0, 0))

@@ -1,0 +1,88 @@
+"""An interrupted diagnosis goes on from what it has kept."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.journal import Journal, digest
+
+RESISTOR = {"series_resistance": {"R_s_ohm": 1.2e5}}
+
+
+class InterruptedRunError(Exception):
+    """Stands for whatever ends a run."""
+
+
+def numbers(summary):
+    """A summary without what a clock says."""
+    return json.dumps({k: v for k, v in summary.items() if not k.startswith("seconds")}, sort_keys=True)
+
+
+def test_an_interrupted_diagnosis_ends_at_the_same_numbers(diagnosed, tmp_path, monkeypatch):
+    whole = diagnosed("series_resistance", RESISTOR["series_resistance"])
+    file = tmp_path / "checkpoint.jsonl"
+    campaign = concealed(RESISTOR)
+    put, left = Journal.put, 0
+
+    def failing(self, key, value):
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise InterruptedRunError
+        put(self, key, value)
+
+    monkeypatch.setattr(Journal, "put", failing)
+    rng = np.random.default_rng(3)
+    for _ in range(2):
+        left = int(rng.integers(20, 400))
+        with pytest.raises(InterruptedRunError):
+            diagnose(campaign, "hooke+gm3", seed=1, checkpoint=file)
+    with file.open("ab") as out:  # cut off in the middle of a line
+        out.write(b'["0123", [1.0, [')
+    entries = file.read_bytes().count(b"\n")
+    assert entries > 40
+    left = 10**9
+    again = diagnose(campaign, "hooke+gm3", seed=1, checkpoint=file)
+    assert numbers(again.summary) == numbers(whole.summary)
+    total = file.read_bytes().count(b"\n")
+    assert total > entries
+    # nothing is worked out twice: a further run adds no line
+    assert numbers(diagnose(campaign, "hooke+gm3", seed=1, checkpoint=file).summary) == numbers(whole.summary)
+    assert file.read_bytes().count(b"\n") == total
+
+
+def test_a_journal_keeps_every_digit_and_survives_a_cut(tmp_path):
+    file = tmp_path / "j.jsonl"
+    x = np.random.default_rng(1).standard_normal(5) * 1e-7
+    j = Journal(file)
+    j.put("a", x.tolist())
+    j.put("b", [float("nan"), float("-inf"), None])
+    j.close()
+    file.write_bytes(file.read_bytes() + b'["c", [1.0')
+    j = Journal(file)
+    assert np.array_equal(np.array(j["a"]), x)
+    assert np.isnan(j["b"][0])
+    assert j["b"][1] == -np.inf
+    assert "c" not in j
+    j.put("c", 1)
+    j.close()
+    assert Journal(file)["c"] == 1
+
+
+def test_a_digest_depends_on_every_part_and_not_on_the_make_of_a_number():
+    a = np.arange(3.0)
+    assert digest(1.5, [a], {"x": 2.0}) == digest(np.float64(1.5), (a.copy(),), {"x": np.float64(2.0)})
+    others = [a, a[:2], np.nextafter(a, 9.0), a.reshape(1, 3), a.astype(int), "a", 1, 1.0, True, None, [a, a]]
+    assert len({digest(x) for x in others}) == len(others)
+
+
+def test_resume_and_anew_exclude_each_other(tmp_path):
+    words = ("diagnose", str(tmp_path), "--model", "hooke+gm3", "--resume", "--anew")
+    done = subprocess.run([sys.executable, "-m", "bayes_dea", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--resume and --anew: give one of them" in done.stderr
