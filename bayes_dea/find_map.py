@@ -34,9 +34,13 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class MapSettings:
-    """swarms: independent runs that must agree; agreement: in nats; swarm: how each moves."""
+    """swarms: independent runs that must agree; agreement: in nats; swarm: how each moves.
+
+    rough: only the best swarm's end is polished, and that loosely: a start for another descent, which needs no proof.
+    """
 
     swarms: int = 8
+    rough: bool = False
     agreement: float = 0.1
     swarm: SwarmSettings = SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
 
@@ -281,6 +285,8 @@ def find_map(
     """
     s = settings or MapSettings()
     newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
+    if s.rough:
+        newton = NewtonSettings(tolerance=1.0, max_iterations=15)
     evaluations = 0
     best: NewtonPolish | None = None
     clock = SearchClock(report)
@@ -289,6 +295,8 @@ def find_map(
         starts, count = (
             (list(given), 0) if len(given) else _starts(posterior, search_model, linear_groups, rng, s, clock)
         )
+        if s.rough:
+            starts = starts[:1]
         swarms = len(starts)
         if best is not None:
             starts.append(best.x)
@@ -306,7 +314,7 @@ def find_map(
     near = [f for f in runs if f.value >= best.value - s.agreement or _close(posterior, f.x, best.x)]
     if refresh is not None:
         # the reference moves to the maximum, and the maximum with it
-        for _ in range(2):
+        for _ in range(0 if s.rough else 2):
             posterior = refresh(posterior, best.x)
             best = polish_newton(posterior.log_prob, best.x, settings=newton)
     return MapResult(best.x, best.value, best.hessian, len(runs), len(near), evaluations, best.converged), posterior
@@ -441,7 +449,8 @@ def _voltage_starts(
     z, evaluations = _run_swarms(search, rng, s, clock)
     tail = posterior.noise_guess()
     return [
-        _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail])) for row in z
+        _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail]))
+        for row in (z[:1] if s.rough else z)
     ], evaluations
 
 

@@ -57,7 +57,9 @@ class DiagnosisSettings:
 
     map: MapSettings = field(
         default_factory=lambda: MapSettings(
-            swarms=3, swarm=SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
+            swarms=3,
+            rough=True,
+            swarm=SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02),
         )
     )
     workers: int = 1

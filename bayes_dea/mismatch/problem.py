@@ -8,7 +8,7 @@ columns is all that a Gauss-Newton step, a score and an evidence need.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from scipy.linalg import solve_triangular
 
 from ..assemble import Assembled
 from ..campaign.schema import Actuator
+from ..models.effects import registered_effects
 from ..models.model import Model
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
@@ -80,6 +81,25 @@ class Problem:
     def dimension(self) -> int:
         """Number of coordinates."""
         return self.model.dimension + self.zero_mean.size + self.gain_sd.size
+
+    def reached_by(self, effects: Iterable[str]) -> list[int] | None:
+        """Indices of the pieces on which effects act; None for all. A mechanical recording knows no voltage."""
+        if any("mechanical" in registered_effects()[name].acts_on for name in effects):
+            return None
+        driven = [i for i, p in enumerate(self.pieces) if p.nodes is not None]
+        return None if len(driven) == len(self.pieces) else driven
+
+    @cached_property
+    def _electrical(self) -> frozenset[int]:
+        """Coordinates of effects that act on no mechanical recording."""
+        spec, names = self.model.spec, [p.name for p in self.model.priors.free]
+        own = {
+            p.name
+            for name in spec.effects
+            if "mechanical" not in registered_effects()[name].acts_on
+            for p in registered_effects()[name].parameters_in(spec.effects)
+        }
+        return frozenset(i for i, n in enumerate(names) if n in own)
 
     @cached_property
     def key(self) -> str:
@@ -191,8 +211,9 @@ class Problem:
         chosen = range(n) if which is None else which
         h = self.steps(q)
         out = [np.zeros((n, x.size)) for x in base]
+        driven = self.reached_by(())
         for j in chosen:
-            only = None
+            only = driven if j in self._electrical else None
             if j >= self.model.dimension:  # a zero moves its own recording alone
                 only = [i for i, p in enumerate(self.pieces) if p.zero == j - self.model.dimension]
             moved = q.copy()

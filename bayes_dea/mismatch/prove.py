@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..noise.blocks import block_means
+from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit
 from .whitening import whiten
@@ -43,13 +44,17 @@ def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float 
 
     limit_m: end of the displacement sensor's range, which the second fit takes into account.
     """
-    problems = [replace(f.problem, pieces=pieces) for f in (before, after)]
-    rows = [p.rows(f.q) for p, f in zip(problems, (before, after), strict=True)]
-    means = [p.clean(f.q) for p, f in zip(problems, (before, after), strict=True)]
+    fits, rows, means = [], [], []
+    for unseen in (before, after):
+        fit, opened = with_zeros(unseen, pieces)
+        problem = replace(fit.problem, pieces=opened)
+        fits.append(fit)
+        rows.append(problem.rows(fit.q))
+        means.append(problem.clean(fit.q))
     out = []
     for i, piece in enumerate(pieces):
         scored = []
-        for fit, x, m, end in zip((before, after), rows, means, (math.inf, limit_m), strict=True):
+        for fit, x, m, end in zip(fits, rows, means, (math.inf, limit_m), strict=True):
             end = end if piece.channel == "displacement" else math.inf
             if not (np.isfinite(x[i]).all() and np.isfinite(m[i]).all()):
                 scored.append((np.full(x[i].shape, np.nan), -math.inf))

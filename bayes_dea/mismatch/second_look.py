@@ -17,6 +17,7 @@ from .clipped import Limit, below
 from .locate import scan
 from .name import ADEQUATE, NONE
 from .noise_prior import NoisePrior
+from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit, refit
 
@@ -32,7 +33,8 @@ def contradiction(
         return None
     if limit is not None:
         pieces = below(pieces, limit, corrected)
-    together = refit(replace(corrected.problem, pieces=pieces), corrected.q, corrected.noise, prior)
+    opened, pieces = with_zeros(corrected, pieces)
+    together = refit(replace(opened.problem, pieces=pieces), opened.q, corrected.noise, prior)
     if together is None:
         return 0.0
     p_value = scan(together, rng).p_value

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -107,12 +107,16 @@ class Frame:
         """Digest of the fit."""
         return digest(self.fit.problem.key, self.fit.q, self.fit.noise.key)
 
-    def tried(self, problem: Problem, q: Array) -> tuple[float, Array] | None:
-        """`value` of another model's predictions at q; None where it has no answer."""
+    def tried(self, problem: Problem, q: Array, effects: Iterable[str]) -> tuple[float, Array] | None:
+        """`value` of another model's predictions at q; None where it has no answer.
+
+        effects: those in whose parameters alone q differs from the fit; where they do not act, predictions are known.
+        """
         journal = problem.journal
         key = digest("tried", self.key, problem.key, q) if journal.kept else ""
         if key not in journal:
-            clean = problem.clean(q)
+            found = problem.clean(q, problem.reached_by(effects))
+            clean = [x if x.size else known for x, known in zip(found, self.fit.clean, strict=True)]
             value, move = math.nan, np.empty(0)
             if all(np.isfinite(x).all() for x in clean):
                 value, move = self.value(clean)
@@ -253,6 +257,7 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
     problem = base.problem.with_model(model)
     index = own_index(base, model)
     d = base.problem.model.dimension
+    added = [name for name in model.spec.effects if name not in base.problem.model.spec.effects]
     scored: list[Scored] = []
     main: list[float] = []
     for frame in frames:
@@ -268,7 +273,7 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
             own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
             if not np.isfinite(own_prior):
                 return None
-            found = frame.tried(problem, q)
+            found = frame.tried(problem, q, added)
             if found is None:
                 return None
             value, move = found
@@ -393,6 +398,7 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
     """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step."""
     fit = found.fit
     index = own_index(base, fit.problem.model)
+    added = [name for name in fit.problem.model.spec.effects if name not in base.problem.model.spec.effects]
     widths = fit.problem.model.priors.scales()
     low, high = bounds(fit.problem)
     for _ in range(3):
@@ -404,7 +410,7 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
                 q = fit.q.copy()
                 q[i] = np.clip(q[i] + share * widths[i], low[i] + 1e-9, high[i] - 1e-9)
                 own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
-                tried = frame.tried(fit.problem, q) if np.isfinite(own_prior) else None
+                tried = frame.tried(fit.problem, q, added) if np.isfinite(own_prior) else None
                 if tried is None:
                     continue
                 value, move = tried[0], tried[1].copy()

@@ -3,14 +3,18 @@
 import bayes_dea as bd
 from bayes_dea.bench.nuisance import ChannelFaults, Faults
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
-from bayes_dea.bench.protocols import Creep, Wave
+from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.simulate import simulate
 
-ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6)}
+ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6), "force": bd.Sensor(5e-3, 2e-2, 1e-3),
+            "position": bd.Sensor(0.5e-6, 5e-6, 0.1e-6)}
 
 
-def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0):
-    """Two creeps and five waves of the bench; effects: name to parameters, as `CampaignPlan.effects`."""
+def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=False):
+    """Two creeps and five waves of the bench; effects: name to parameters, as `CampaignPlan.effects`.
+
+    pressed: with a compression to identify and a relaxation to validate.
+    """
     role = "validate" if validate else "identify"
     plans = [
         RecordingPlan("creep_1200V.csv", Creep(1200.0, 40.0, 1, 5.0, 5.0), "identify"),
@@ -21,6 +25,9 @@ def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0):
         RecordingPlan("sine_1Hz.csv", Wave("sine", 1.0, cycles=4, rest_s=0.5, tail_s=0.5), role),
         RecordingPlan("rectangle_10Hz.csv", Wave("rectangle", 10.0, cycles=15, rest_s=0.5, tail_s=0.5), role),
     ]
+    if pressed:
+        plans += [RecordingPlan("compression.csv", Compression(0.1, speed_m_per_s=2e-4, cycles=2), "identify", 50.0),
+                  RecordingPlan("relaxation.csv", Relaxation(0.1, hold_s=30.0), role, 50.0)]
     faults = Faults(displacement=ChannelFaults(noise_scale=scale, noise_correlation=rho))
     plan = CampaignPlan("concealed", tuple(plans), effects=effects or {}, faults=faults)
     g = plan.geometry

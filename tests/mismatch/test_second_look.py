@@ -52,3 +52,12 @@ def test_a_recording_of_another_actuator_among_those_to_validate_is_named():
     s = diagnose(with_roles(replace(c, recordings=tuple(shrunk)), {"triangle_1Hz.csv"}), "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert "triangle_1Hz.csv: this recording does not belong to the actuator of the others" in s["warnings"][0]
+
+
+def test_a_mechanical_recording_to_validate_has_its_own_position_of_contact():
+    """Where the plates touch is its own affair: no error of the model, and no contradiction."""
+    result = diagnose(concealed(pressed=True), "hooke+gm3")
+    assert result.verdict == "none"
+    assert result.contradiction is None
+    row = next(h for h in result.summary["proof"]["held_out"] if h["recording"] == "relaxation.csv")
+    assert row["rmse_after_N"] < 1.05 * row["noise_N"]
