@@ -23,9 +23,10 @@ from . import second_look
 from .ask import first_experiment, next_experiment
 from .clipped import cut_out, restored, sensor_limit
 from .features import Features, features
+from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
-from .locate import scan
-from .name import ADEQUATE, NONE, UNKNOWN, Explanation, Naming, name_physics
+from .locate import ADEQUATE, scan
+from .name import Explanation, Naming, name_physics
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
 from .prove import HeldOut, held_out, unanswered, without_validation

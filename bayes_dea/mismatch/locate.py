@@ -23,6 +23,9 @@ from .whitening import whiten
 
 Array = NDArray[np.float64]
 
+#: below this p-value of the scan an explanation is not adequate
+ADEQUATE = 1e-3
+
 #: family-wise false-alarm rate at which a mismatch counts as found
 FAMILY_WISE = 0.01
 _DRAWS = 240

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ..campaign import HOLDS
 from ..models.nodes import make_nodes
-from .locate import scan
-from .name import ADEQUATE
+from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .problem import Problem
 from .prove import offset_and_gain

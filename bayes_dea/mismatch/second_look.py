@@ -14,8 +14,8 @@ import numpy as np
 
 from ..campaign.schema import Campaign
 from .clipped import Limit, below
-from .locate import scan
-from .name import ADEQUATE, NONE
+from .hypotheses import NONE
+from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .own_zero import with_zeros
 from .reduced import Piece

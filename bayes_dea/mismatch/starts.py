@@ -16,11 +16,11 @@ from ..assemble import Assembled, assemble
 from ..find_map import MapSettings, find_map
 from ..models.model import Model, build_model
 from .features import features
-from .name import frames_of
 from .noise_prior import noise_prior
 from .problem import Problem
 from .reduced import reduce_campaign
 from .refit import refit
+from .search import frames_of
 from .weigh import refine, screen
 from .whitening import Noise
 

@@ -14,8 +14,9 @@ from ..models.model import Model
 from .clipped import Limit
 from .confidence import confidence_of
 from .features import Features
+from .hypotheses import MAINS, NONE, UNKNOWN, VARIANTS, extended
 from .locate import excess_by, where
-from .name import MAINS, NONE, UNKNOWN, VARIANTS, Naming, extended
+from .name import Naming
 from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit

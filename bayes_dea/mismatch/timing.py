@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from .name import NONE, Naming
+from .hypotheses import NONE
+from .name import Naming
 from .refit import Fit
 
 _DELAY = "acquisition_delay"

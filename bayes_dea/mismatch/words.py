@@ -7,7 +7,8 @@ from typing import Any
 from ..assemble import Assembled
 from ..models.effects import registered_effects
 from ..noise.mains import Mains
-from .name import MAINS, NONE, UNKNOWN, Naming
+from .hypotheses import MAINS, NONE, UNKNOWN
+from .name import Naming
 from .timing import LAG_NOTE
 
 

@@ -145,7 +145,7 @@ def test_every_effect_explains_itself_with_its_numbers():
 
 
 def test_an_effect_that_is_there_already_is_not_offered():
-    from bayes_dea.mismatch.name import candidates
+    from bayes_dea.mismatch.hypotheses import candidates
 
     campaign = concealed()
     names, skipped = candidates(bd.build_model("hooke+gm3+sensor_lag"), campaign, {"displacement"})

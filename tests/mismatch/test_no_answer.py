@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.name import VARIANTS, _law_of, extended
+from bayes_dea.mismatch.hypotheses import VARIANTS, extended, law_of
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.prove import held_out, unanswered
 from bayes_dea.mismatch.summary import proof_summary
@@ -56,6 +56,6 @@ def test_a_second_effect_stands_beside_the_law_that_the_first_was_given(diagnose
     def weighed(m):
         return Weighed(("leakage",), replace(base, problem=base.problem.with_model(m)), 0.0, 0.1, 1e-6)
 
-    both = extended(model, ["leakage", "amplitude_softening"], _law_of(weighed(leak)))
+    both = extended(model, ["leakage", "amplitude_softening"], law_of(weighed(leak)))
     assert set(leak.priors.names) < set(both.priors.names)
-    assert _law_of(weighed(plain_leak)) == {}
+    assert law_of(weighed(plain_leak)) == {}

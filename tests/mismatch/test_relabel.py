@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.name import extended
+from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.relabel import in_place_of_one, without_one, without_stand_in
 from bayes_dea.mismatch.weigh import Weighed

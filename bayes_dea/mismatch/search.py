@@ -1,0 +1,215 @@
+"""The search for explanations: single effects on their grids, refits of the promising, further ones beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.effects import registered_effects
+from ..models.model import Model
+from .features import Features
+from .hypotheses import VARIANTS, extended, law_of
+from .noise_prior import NoisePrior
+from .refit import Fit
+from .relabel import FURTHER, in_place_of_one, without_one, without_stand_in
+from .relocate import relocated
+from .ridge import integrated
+from .slow_start import LIMITS, slow_start
+from .weigh import (
+    HOPELESS,
+    Frame,
+    Screened,
+    Weighed,
+    effect_size,
+    escape,
+    improved,
+    moved_to,
+    own_index,
+    refine,
+    screen,
+)
+
+Array = NDArray[np.float64]
+Report = Callable[[str, float, float, str], None]
+
+#: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
+_REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
+#: nats behind the best within which an effect of several parameters is weighed along its ridge
+_RIVALS = 12.0
+#: standard error of an evidence from which on it is a grid's
+_DOUBTFUL = 0.4
+#: how many of the leading ones are searched around
+_ESCAPES = 4
+#: the damping of a mass and a damper in parallel are one and the same number
+SAME = {"inertia", "parallel_damper"}
+
+
+def typical(base: Fit) -> Array:
+    """Coordinates (d,) in the middle of the priors of the model, the rest as in a fit."""
+    q = base.q.copy()
+    model = base.problem.model
+    d = model.dimension
+    q[:d] = model.from_prior_coordinates(model.priors.transform(np.full((1, d), 0.5)))[0]
+    return q
+
+
+def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
+    """Where the base may be moved along from: its maximum, and its fit to what is slow."""
+    slow = slow_start(base, looks, prior, [typical(base)])
+    quiet = prior.start()  # the noise of a wrong model has grown
+    return [Frame(replace(f, noise=quiet)) for f in (base, slow) if f is not None]
+
+
+def on_grids(
+    frames: list[Frame],
+    common: int,
+    model: Model,
+    names: list[str],
+    overrides: Mapping[str, object],
+    say: Report,
+    memory: dict[str, Screened] | None,
+) -> list[Screened]:
+    """All single effects on their grids; those that are limits also from the frames beyond the `common` ones."""
+    found = []
+    for k, name in enumerate(names):
+        say("weighing hypotheses", k, len(names), name)
+        own = frames if name in LIMITS else frames[:common]
+        for variant in ({}, VARIANTS[name]) if name in VARIANTS else ({},):
+            key = "+".join([name, *variant])
+            known = memory.get(key) if memory is not None else None
+            s = moved_to(known, own) if known is not None else None
+            if s is None:
+                m = extended(model, [name], {**overrides, **variant})
+                s = screen(own, m, (name,)) if m is not None else None
+            if s is not None:
+                found.append(s)
+                if memory is not None:
+                    memory[key] = s
+    return found
+
+
+def refined(
+    base: Fit,
+    screened: list[Screened],
+    prior: NoisePrior,
+    say: Report,
+    starts: int,
+    rng: np.random.Generator,
+    spoiled: Callable[[Fit], bool] | None = None,
+) -> dict[str, Weighed] | None:
+    """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
+
+    None where the first of them shows readings that are false.
+
+    The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
+    less than what a refit has reached.
+    """
+    out: dict[str, Weighed] = {}
+    of: dict[str, Screened] = {}
+    reached, best = 0.0, math.inf
+    for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
+        name = "+".join(s.effects)
+        say("refitting", k, len(screened), name)
+        promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
+        # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
+        further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
+        w = refine(base, s, prior, 1 if further else starts, best) if promising else None
+        if w is not None:
+            best = min(best, w.value)
+            reached = max(reached, base.objective - w.fit.objective)
+            if k == 0 and spoiled is not None and spoiled(w.fit):
+                return None
+        if w is None:
+            most = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
+            w = Weighed(s.effects, base, min(s.log_evidence, most), 0.5, 0.0)
+        # laws of one effect share its prior, and the likelier stands for it
+        laws = sum(o.effects == s.effects for o in screened)
+        w = replace(w, log_evidence=w.log_evidence - math.log(laws), shared_prior=-math.log(laws))
+        if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
+            out[name], of[name] = w, s
+    settled: set[str] = set()
+    for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
+        leading = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)[:2]
+        waiting = [n for n in leading if n not in settled]
+        if not waiting:
+            break
+        found = escape(base, of[waiting[0]], out[waiting[0]], prior)
+        elsewhere = relocated(found.fit, prior)
+        if elsewhere is not found.fit:
+            found = escape(base, of[waiting[0]], improved(found, base, of[waiting[0]], elsewhere), prior)
+        out[waiting[0]] = found
+        settled.add(waiting[0])
+    top = max((_hopeful(w, base) for w in out.values()), default=0.0)
+    for name, w in out.items():  # rivals that are near are weighed along their ridges
+        own = own_index(base, of[name].model)
+        narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
+        if w.fit is base or _hopeful(w, base) < top - _RIVALS or narrow or own.size > 4:
+            continue
+        better = integrated(w.fit, own, rng)
+        if better is not None:
+            out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
+    return out
+
+
+def _hopeful(w: Weighed, base: Fit) -> float:
+    """Log evidence that a hypothesis may have: a grid that is too coarse for its peak says less."""
+    return w.log_evidence if w.fit is base else max(w.log_evidence, w.fit.log_evidence + w.shared_prior)
+
+
+def second_thoughts(
+    w: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
+    say: Report, rng: np.random.Generator,
+) -> list[Weighed]:
+    """Rivals that are looked for from where an explanation stands.
+
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed. A mode of the
+    base may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far
+    faster than the sampling is a damper), and then that effect is looked for in its place.
+    """
+    out: list[Weighed] = []
+    laws = {**overrides, **law_of(w)}
+    for dropped in w.effects if len(w.effects) > 1 else ():
+        m = extended(model, [n for n in w.effects if n != dropped], laws)
+        alone = without_one(w, dropped, base, m, prior) if m is not None else None
+        if alone is not None:
+            out.append(alone)
+    others = [n for n in w.effects if n != FURTHER]
+    if len(others) == len(w.effects):
+        return out
+    m = extended(model, others, laws) if others else model
+    if m is None:
+        return out
+    simpler = in_place_of_one(w, base, m, prior)
+    if simpler is not None and simpler.effects:
+        out.append(simpler)
+    without = without_stand_in(w, m, prior)
+    if without is not None:
+        start = Weighed(tuple(others), without, without.log_evidence, 0.1, 0.0)
+        found = beside(start, model, [n for n in names if n != FURTHER], prior, overrides, say, rng)
+        compared = simpler.fit if simpler is not None else base
+        out += [replace(t, size_m=effect_size(compared, t.fit)) for t in found if t.fit is not without]
+    return out
+
+
+def beside(
+    best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
+    rng: np.random.Generator,
+) -> list[Weighed]:
+    """Every further effect beside the ones found."""
+    frame = Frame(best.fit)
+    found = []
+    rest = [n for n in names if n not in best.effects and not any({n, e} == SAME for e in best.effects)]
+    order = list(registered_effects())
+    overrides = {**overrides, **law_of(best)}
+    for k, name in enumerate(rest):
+        effects = tuple(sorted((*best.effects, name), key=order.index))
+        say("weighing pairs", k, len(rest), "+".join(effects))
+        m = extended(model, effects, overrides)
+        s = screen([frame], m, effects, sparse=True) if m is not None else None
+        if s is not None:
+            found.append(s)
+    return list((refined(best.fit, found, prior, say, 1, rng) or {}).values())
