@@ -23,6 +23,7 @@ from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
 from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
+from .resonance import look_for_resonances
 from .whitening import Whitened, whiten
 
 Array = NDArray[np.float64]
@@ -39,9 +40,6 @@ _NARROW = 3.5
 _COARSEST = 2.0
 #: quantiles of a log-normal strength below those of the grid
 _WEAK = (0.02, 0.004)
-#: frequencies of a resonance that are tried, and damping ratios
-_RESONANCES = 24
-_DAMPINGS = (0.04, 0.12, 0.35)
 #: the same of a strength that is uniform from zero, in shares of its range
 _SLIGHT = (0.04, 0.008)
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
@@ -210,11 +208,6 @@ def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, flo
         return [np.array([x]) for share in _ENDS for x in (a + share * (b - a), b - share * (b - a))]
     if len(priors) not in (2, 3):
         return []
-    if model.priors.free[index[0]].unit == "Hz":
-        # a resonance shows within its width only, and rings with the wrong sign beside it
-        f = np.geomspace(priors[0].a, priors[0].b, _RESONANCES) if priors[0].family == "loguniform" else np.empty(0)
-        own = [math.log(x) for x in f]
-        return [np.array([x, y]) for x in own for y in np.log(_DAMPINGS)] if len(priors) == 2 else []
     if priors[0].family == "lognormal":
         shift = math.log(values[priors[0].relative_to]) if priors[0].relative_to else 0.0
         weak = [float(priors[0].ppf(np.array([quantile]), shift)[0]) for quantile in _WEAK]
@@ -286,6 +279,14 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
                 main.append(-point.likelihood)
         if index.size == 1 and model.priors.free[index[0]].prior.family == "uniform":
             just_reached(here, frame.value(frame.fit.clean)[0], score)
+        if _rings(model, index):
+            own_prior = model.priors.free[index[0]].prior
+
+            def value(point: Array, score: Callable[[Array], Scored | None] = score) -> float:
+                found = score(point)
+                return math.inf if found is None else found.posterior
+
+            look_for_resonances(own_prior.a, own_prior.b, value)
         scored += here
     if not scored:
         return None
@@ -295,6 +296,12 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
     constant = base.log_evidence + base_value
     grid = float(logsumexp(main) - math.log(len(main))) + constant if main else -math.inf
     return Screened(effects, model, tuple(scored), grid, base_value, tuple(frames))
+
+
+def _rings(model: Model, index: NDArray[np.int64]) -> bool:
+    """Whether the own parameters are a frequency with known limits and a damping ratio."""
+    first = model.priors.free[index[0]] if index.size == 2 else None
+    return first is not None and first.unit == "Hz" and first.prior.family == "loguniform"
 
 
 def just_reached(
