@@ -13,6 +13,7 @@ from bayes_dea.campaign.schema import Actuator, Recording
 from bayes_dea.models.electrostatics import stress_factor, stroke_factor, voltage_drive
 from bayes_dea.prediction.bands import CHUNK, LEVELS
 from bayes_dea.prediction.calibrated import open_calibration
+from bayes_dea.prediction.command import shaking
 from bayes_dea.prediction.follow import Network, _Smoother
 from bayes_dea.prediction.inverse import Limits, invert_linear
 from bayes_dea.prediction.limits import warnings_of
@@ -105,6 +106,20 @@ def test_the_same_seed_gives_the_same_numbers_with_any_workers():
     np.testing.assert_array_equal(a.mean, other.mean)
 
 
+@pytest.mark.parametrize(
+    ("text", "hold"), [("hooke+gm2", "end"), ("yeoh+gm1", "end"), ("gent+gkv1", "start"), ("pz3", "end")]
+)
+def test_wanted_gives_the_same_command_with_any_workers(text, hold):
+    """Bit for bit, also with a draw a worker, and where the last stretch has fewer rows than there are workers."""
+    c = made(text, n=7, hold=hold)
+    t = np.arange(CHUNK + 1) * 0.002
+    wish = 40e-6 * np.minimum(t / 2, 1) ** 2 * (3 - 2 * np.minimum(t / 2, 1)) + 5e-6 * (t > 6)
+    first, *others = (bd.command_for(c, {"time_s": t, "displacement_m": wish}, draws=7, workers=w) for w in (1, 2, 7))
+    for other in others:
+        for name, column in first.columns.items():
+            np.testing.assert_array_equal(column, other.columns[name])
+
+
 # ---------------------------------------------------------------- the command for a wanted stroke
 
 
@@ -190,6 +205,31 @@ def test_a_black_box_is_followed_without_shaking(text, leap):
     exact = invert(c, t, wish)
     if leap:
         assert np.max(np.abs(np.diff(exact[19_990:20_100], 3))) / 8 > 50  # the reason for all this
+
+
+def test_finding_a_command_in_rounds_tells_how_far_it_is():
+    t = np.arange(500) * 0.01
+    said = []
+    bd.command_for(made("yeoh+gm1", n=5), {"time_s": t, "displacement_m": 20e-6 * np.minimum(t, 1)}, draws=5,
+                   report=lambda *at: said.append(at))  # fmt: skip
+    rounds = [(done, of) for phase, done, of, _ in said if phase == "inverting" and done > 0]
+    assert rounds
+    assert rounds == [(i + 1, rounds[0][1]) for i in range(len(rounds))]
+    assert rounds[-1][0] < rounds[-1][1]
+
+
+def test_a_noisy_wish_does_not_make_a_black_box_shake():
+    """Its noise is below the tolerance; from row to row it could be met nearly everywhere, by hundreds of volts."""
+    c = made("pz3", n=5)
+    t = np.arange(2400) * 0.005
+    ramp = np.minimum(t / 3, 1) ** 2 * (3 - 2 * np.minimum(t / 3, 1))
+    noise = 1e-7 * np.random.default_rng(0).standard_normal(t.size)
+    p = bd.command_for(c, {"time_s": t, "displacement_m": 40e-6 * ramp + noise}, draws=5)
+    assert np.max(np.abs(np.diff(p.values[50:], 3))) / 8 < 1
+    assert np.max(np.abs(p.mean - 40e-6 * ramp)[50:]) < 1.5e-7
+    assert not shaking(p.values, 1200.0)[50:].any()
+    zigzag = 600 + np.where(np.arange(40) % 2, 2.0, -2.0) * (np.arange(40) >= 20)
+    np.testing.assert_array_equal(np.flatnonzero(shaking(zigzag, 1200.0))[[0, -1]], [19, 39])
 
 
 def test_the_smoothest_command_is_the_least_squares_one():

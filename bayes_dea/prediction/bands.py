@@ -82,6 +82,15 @@ def places(size: int) -> tuple[NDArray[np.int64], Array]:
     return low, at - low
 
 
+def stretch(simulators: Sequence[Simulator], start: int, stop: int, pool: ThreadPoolExecutor) -> Array:
+    """Outputs (rows, S) of all simulators' draws, side by side, the draws of a row one after another in memory.
+
+    numpy sums a row in an order that depends on how it lies in memory; so it must lie the same way however many
+    simulators there are.
+    """
+    return np.ascontiguousarray(np.concatenate(list(pool.map(lambda s: s.rows(start, stop), simulators)), axis=1))
+
+
 def bands(
     simulators: Sequence[Simulator],
     n: int,
@@ -114,8 +123,8 @@ def bands(
     with ThreadPoolExecutor(len(simulators)) as pool:
         for start in range(0, n, CHUNK):
             stop = min(start + CHUNK, n)
-            x = np.concatenate(list(pool.map(lambda s: s.rows(start, stop), simulators)), axis=1)  # noqa: B023
+            x = stretch(simulators, start, stop, pool)
             cuts = np.linspace(start, stop, len(simulators) + 1).astype(int)
-            list(pool.map(rows, [(a, b, x[a - start : b - start]) for a, b in pairwise(cuts)]))
+            list(pool.map(rows, [(a, b, x[a - start : b - start]) for a, b in pairwise(cuts) if a < b]))
             report(stop, n)
     return Bands(mean, parameters, read)

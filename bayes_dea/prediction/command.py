@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,7 @@ from ..models.chain import materials
 from ..models.electrostatics import stress_factor, stroke_factor, voltage_drive
 from ..models.lags import simulate_modes
 from .answer import DRAWS, Report, answer, as_recording, simulators_for
-from .bands import CHUNK
+from .bands import CHUNK, stretch
 from .calibrated import Calibrated, open_calibration
 from .follow import follow
 from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, invert_linear, invert_material
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 MET_TO_M = 1e-9
 #: share of the rows that a command may miss more than another when it does not shake
 _WORTH_SMOOTHNESS = 0.01
+#: share of the largest voltage by which a command that shakes goes up and down
+_SHAKING = 1e-3
 #: intervals that prediction.json lists one by one
 LISTED = 200
 #: rounds in which the mean of the draws is brought onto the wish, for laws where it is not the answer of one of them
@@ -85,7 +87,11 @@ def command_for(
             "'end' for the command"
         )
     say("inverting", 0, 1, wish.label)
-    found = _invert(c, recording, wish.values, rows, limits, workers)
+
+    def tell(done: float, of: float) -> None:
+        say("inverting", done, of, wish.label)
+
+    found = _invert(c, recording, wish.values, rows, limits, workers, tell)
     command = replace(
         flat,
         label=f"command for {wish.label}",
@@ -100,6 +106,17 @@ def command_for(
     unmet = intervals(wish.time_s, given.mean - wish.values, found.flag, tolerance)
     summary = _summary(given.summary, wish, given.mean, unmet, limits, inverted - began)
     return replace(given, summary=summary, wanted=wish.values, unmet=unmet)
+
+
+def shaking(voltage: Array, top: float) -> NDArray[np.bool_]:
+    """Rows (n,) in which a command goes up and down from row to row by more than a thousandth of `top` (V)."""
+    # an eighth of the third difference is the part that changes its sign with every row; a corner has it for one row
+    part = np.diff(voltage, 3) / 8.0
+    alternates = (part[1:] * part[:-1] < 0.0) & (np.minimum(np.abs(part[1:]), np.abs(part[:-1])) > _SHAKING * top)
+    out = np.zeros(voltage.size, bool)
+    for begin in range(5):
+        out[begin : begin + alternates.size] |= alternates
+    return out
 
 
 def resolution_of(c: Calibrated) -> float:
@@ -138,8 +155,15 @@ def _as_commanded(in_force: Array, hold: str) -> Array:
 
 
 def _invert(
-    c: Calibrated, recording: Any, wish_m: Array, rows: NDArray[np.int64], limits: Limits, workers: int
+    c: Calibrated,
+    recording: Any,
+    wish_m: Array,
+    rows: NDArray[np.int64],
+    limits: Limits,
+    workers: int,
+    tell: Callable[[float, float], None],
 ) -> Inverted:
+    """The command for a wish (n,) m; tell: called with (rounds done, rounds at most) where it takes several."""
     model = c.structure.model
     stroke, factor = stroke_factor(recording.actuator), stress_factor(recording.actuator)
     held = replace(recording, hold="linear" if recording.hold == "linear" else "end")
@@ -166,18 +190,20 @@ def _invert(
         behind = (np.ascontiguousarray(c_slow.ravel()), np.ascontiguousarray(T_slow.ravel()), float(fastest.mean()))
         stepwise = invert_linear(time_s, drive, factor, network, wish, limits, behind)
 
-        def missed(found: Inverted) -> float:
+        def bad(found: Inverted) -> float:
             drive_of = replace(drive, stress=factor * found.voltage**2, middle=factor * found.voltage**2)
             there, _ = simulate_modes(drive_of, *network)
-            return float(np.mean(np.abs(there - wish) * stroke > resolution_of(c)))
+            missed = np.abs(there - wish) * stroke > resolution_of(c)
+            return float(np.mean(missed | shaking(found.voltage, limits.voltage_V)))
 
         # a wish that is out of reach for long is better followed from row to row: what cannot be met is then given up
-        # where it comes, and not prepared for
-        return smooth if missed(smooth) <= missed(stepwise) + _WORTH_SMOOTHNESS else stepwise
+        # where it comes, and not prepared for; a row that is met by shaking is worth no more than one that is missed
+        return smooth if bad(smooth) <= bad(stepwise) + _WORTH_SMOOTHNESS else stepwise
     material = materials(model, c.coordinates(recording.specimen))
     h = row_durations(drive)
     goal = wish.copy()
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
+        tell(number, _ROUNDS)
         found = invert_material(time_s, drive, h, factor, material, goal, limits)
         columns = {**recording.columns, "voltage_V": _as_commanded(found.voltage, recording.hold)}
         mean = _mean(c, replace(recording, columns=columns), rows, workers) / stroke
@@ -198,8 +224,7 @@ def _mean(c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int) 
     with ThreadPoolExecutor(len(simulators)) as pool:
         for start in range(0, n, CHUNK):
             stop = min(start + CHUNK, n)
-            parts = pool.map(lambda s: s.rows(start, stop), simulators)  # noqa: B023
-            out[start:stop] = np.concatenate(list(parts), axis=1).mean(axis=1)
+            out[start:stop] = stretch(simulators, start, stop, pool).mean(axis=1)
     return out
 
 
