@@ -13,6 +13,21 @@ from types import SimpleNamespace
 
 import pytest
 
+SHORT_RUNS = Path(__file__).with_name("short_runs.py")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """With -n each worker begins with a half of the tests in their order and takes over from the other when it is done.
+
+    So the tests of a file share its fixtures, which the usual dealing out in turn makes once in every worker.
+    """
+    if config.getoption("dist") != "load":
+        return None  # another order was asked for
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log)  # type: ignore[arg-type]
+
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
@@ -56,10 +71,12 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[P
 
 @pytest.fixture(scope="session")
 def command() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """`bayes-dea ARGUMENTS` in a process of its own, its output captured."""
+    """`bayes-dea ARGUMENTS` in a process of its own, its output captured; `short=True`: see short_runs.py."""
 
-    def run(*arguments: object, timeout: float = 300.0, **options: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, "-m", "bayes_dea", *map(str, arguments)], capture_output=True,  # type: ignore[call-overload, no-any-return]
+    def run(*arguments: object, timeout: float = 300.0, short: bool = False, **options: object
+            ) -> subprocess.CompletedProcess[str]:
+        program = [str(SHORT_RUNS)] if short else ["-m", "bayes_dea"]
+        return subprocess.run([sys.executable, *program, *map(str, arguments)], capture_output=True,  # type: ignore[call-overload, no-any-return]
                               text=True, timeout=timeout, check=False, **options)
 
     return run
@@ -104,13 +121,14 @@ def result(folder: Path, stdout: str, stderr: str) -> SimpleNamespace:
 @pytest.fixture(scope="session")
 def calibrated(once: Callable[..., Path], command: Callable[..., subprocess.CompletedProcess[str]]
                ) -> Callable[..., SimpleNamespace]:
-    """Calibration by the command line, kept for all tests: `calibrated(campaign, model, *options)`."""
+    """Calibration by the command line, kept for all tests: `calibrated(campaign, model, *options, short=False)`."""
 
-    def get(campaign: Path, model: str, *options: object) -> SimpleNamespace:
-        name = "-".join(re.sub(r"\W", "_", str(x)) for x in ("out", campaign.name, model, *options))
+    def get(campaign: Path, model: str, *options: object, short: bool = False) -> SimpleNamespace:
+        words = ("short" if short else "out", campaign.name, model, *options)
+        name = "-".join(re.sub(r"\W", "_", str(x)) for x in words)
 
         def fill(folder: Path) -> None:
-            done = command("calibrate", campaign, "--model", model, "--out", folder, *options)
+            done = command("calibrate", campaign, "--model", model, "--out", folder, *options, short=short)
             assert done.returncode == 0, done.stderr
             (folder / "stdout.txt").write_text(done.stdout, encoding="utf-8")
             (folder / "stderr.txt").write_text(done.stderr, encoding="utf-8")
@@ -130,4 +148,4 @@ def converged(voltage_campaign: Path, calibrated: Callable[..., SimpleNamespace]
 @pytest.fixture(scope="session")
 def unconverged(small_campaign: Path, calibrated: Callable[..., SimpleNamespace]) -> SimpleNamespace:
     """hooke+gm2 on voltage and mechanical recordings, stopped long before it converged."""
-    return calibrated(small_campaign, "hooke+gm2", "--max-steps", 200)
+    return calibrated(small_campaign, "hooke+gm2", "--max-steps", 200, short=True)

@@ -1,25 +1,18 @@
 """Runs of the command line as forks of a process that is warm, so that a test can afford fifty.
 
-The arguments given are a run that is carried out once, to import and compile everything. Then it reads a JSON list of
-arguments a line, answers with the process id once the run has begun and with its exit status once
-it has ended. What a run prints goes to the file named by the last of the arguments.
+Their search and their learning are short (short_runs.py). The arguments given are a run that is carried out once, to
+import and compile everything. Then it reads a JSON list of arguments a line, answers with the process id once the run
+has begun and with its exit status once it has ended. What a run prints goes to the file named by the last argument.
 """
 
 import json
 import os
 import sys
-from pathlib import Path
 
-import bayes_dea.report.page
+from short_runs import rest, shorten, without_page
+
 from bayes_dea import cli
 from bayes_dea.commands.progress import signals
-from bayes_dea.results import write_text
-
-
-def short_page(folder: Path, **_: object) -> Path:
-    """A page that is not drawn: figures take half the time of a short run, and hold nothing that could be resumed."""
-    write_text(folder / "report.html", "<html>" + "<p>not drawn</p>" * 10_000 + "</html>")
-    return folder / "report.html"
 
 
 def run(arguments: list[str], said: str, ready: int) -> None:
@@ -38,8 +31,10 @@ def run(arguments: list[str], said: str, ready: int) -> None:
 def serve() -> None:
     """A run for every line of standard input, one after another."""
     sys.argv = ["bayes-dea", *sys.argv[1:]]
+    shorten()
+    without_page()
     assert cli._run() == 0
-    bayes_dea.report.page.write_report = short_page
+    rest(float(os.environ.get("SAMPLER_RESTS_S", "0")))
     while line := sys.stdin.readline():
         *arguments, said = json.loads(line)
         begun, ready = os.pipe()

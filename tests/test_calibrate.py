@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from short_runs import short_settings
 
 import bayes_dea as bd
-from bayes_dea.find_map import MapSettings
-from bayes_dea.fit.adapt import AdaptSettings
 from bayes_dea.results import plain
 
 STATISTICS = {"mean", "sd", "q05", "q50", "q95", "unit", "map", "rhat", "ess_bulk", "ess_tail", "contraction"}
@@ -139,9 +138,8 @@ def test_mechanical_recordings_are_part_of_the_fit(unconverged):
 def test_every_kind_of_structure(small_campaign, model, parameters):
     campaign = bd.load_campaign(small_campaign)
     # every part of the road, each as short as it goes
-    settings = bd.CalibrationSettings(map=replace(MapSettings(), swarms=2), predictive_draws=50, simulated_draws=200,
-                                      adapt=AdaptSettings(rounds=1, steps=100, components=(1,)))
-    settings = replace(settings, sampler=replace(settings.sampler, max_steps=200))
+    settings = short_settings(max_steps=100, predictive_draws=50, simulated_draws=200)
+    settings = replace(settings, adapt=replace(settings.adapt, steps=60))
     with pytest.warns(bd.NotConvergedWarning, match="did not converge"):
         result = bd.calibrate(campaign, model, seed=1, settings=settings)
     s = plain(result.summary)
@@ -165,8 +163,7 @@ def test_every_kind_of_structure(small_campaign, model, parameters):
 @pytest.mark.usefixtures("without_refits")
 def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
     campaign = bd.load_campaign(voltage_campaign)
-    settings = bd.CalibrationSettings(predictive_draws=20)
-    settings = replace(settings, sampler=replace(settings.sampler, max_steps=100))
+    settings = short_settings(max_steps=100, predictive_draws=20)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bd.NotConvergedWarning)
         fixed = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors={"tau_1_s": bd.Prior("fixed", 0.5)})

@@ -20,6 +20,7 @@ from bayes_dea.commands import progress as progress_module
 from bayes_dea.commands.options import overrides
 from bayes_dea.commands.progress import Interrupted, Signals, duration, progress
 
+SHORT_RUNS = os.path.join(os.path.dirname(__file__), "short_runs.py")
 ANSI = re.compile(r"\x1b\[")
 VERBS = tuple(cli.VERBS)
 
@@ -135,13 +136,14 @@ def test_report_draws_the_page_again(command, converged, tmp_path):
 
 def test_json_in_a_pipe_and_progress_on_a_terminal(command, voltage_campaign, tmp_path):
     """Two processes, one seed, the same numbers: JSON in a pipe; progress on a terminal beside a clean summary."""
-    spoken = command(*quick(voltage_campaign, tmp_path / "a", "--json"))
+    environment = os.environ | {"TERM": "xterm", "NO_PAGE": "1"}
+    spoken = command(*quick(voltage_campaign, tmp_path / "a", "--json"), short=True, env=environment)
     assert (spoken.returncode, spoken.stderr) == (0, "")
     assert spoken.stdout == (tmp_path / "a" / "calibration.json").read_text(encoding="utf-8")
 
     ours, theirs = pty.openpty()
-    arguments = [sys.executable, "-m", "bayes_dea", *map(str, quick(voltage_campaign, tmp_path / "b"))]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=theirs, env=os.environ | {"TERM": "xterm"})
+    arguments = [sys.executable, SHORT_RUNS, *map(str, quick(voltage_campaign, tmp_path / "b"))]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=theirs, env=environment)
     os.close(theirs)
     drawn = b""
     deadline = time.monotonic() + 200

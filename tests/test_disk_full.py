@@ -9,11 +9,13 @@ import sys
 
 import numpy as np
 import pytest
+from short_runs import short_page, shorten
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
 from bayes_dea import cli, results
 
+SHORT_RUNS = os.path.join(os.path.dirname(__file__), "short_runs.py")
 RESULTS = ["calibration.json", "posterior.nc", "report.html"]
 
 
@@ -27,14 +29,10 @@ def arguments(campaign, out, *more):
             *more]
 
 
-def short_page(folder, **_):
-    """In place of the page, whose figures take longer than such a calibration."""
-    results.write_text(folder / "report.html", "<html>" + "<p>not drawn</p>" * 1000 + "</html>")
-
-
 def carry_out(monkeypatch, *arguments):
     """The command in this process; returns the exit status."""
     monkeypatch.setattr("bayes_dea.report.page.write_report", short_page)
+    shorten(monkeypatch.setattr)
     monkeypatch.setattr(sys, "argv", ["bayes-dea", *map(str, arguments)])
     return cli._run()
 
@@ -136,7 +134,7 @@ def test_a_limit_on_the_size_of_files(tiny, undisturbed, tmp_path):
 
     for name in RESULTS:
         (tmp_path / name).write_bytes(b"earlier")
-    done = subprocess.run([sys.executable, "-m", "bayes_dea", *map(str, arguments(tiny, tmp_path))], check=False,
+    done = subprocess.run([sys.executable, SHORT_RUNS, *map(str, arguments(tiny, tmp_path))], check=False,
                           capture_output=True, text=True,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)))
     assert (done.returncode, done.stdout) == (1, ""), done.stderr

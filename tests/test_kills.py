@@ -13,48 +13,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from forks import ENVIRONMENT, Forks
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
 
+SHORT_RUNS = Path(__file__).with_name("short_runs.py")
 KILLS = 50
 #: of these, in processes of their own, from their first import on
 FRESH = 4
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 RESULTS = ["calibration.json", "posterior.nc", "report.html"]
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-
-
-class Forks:
-    """Runs of the command line, forked from one process (tests/forked_runs.py)."""
-
-    def __init__(self, said: Path, warming: list[object]) -> None:
-        self.said = said
-        script = Path(__file__).with_name("forked_runs.py")
-        self.server = subprocess.Popen([sys.executable, str(script), *map(str, warming)], stdin=subprocess.PIPE,
-                                       stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
-
-    def start(self, arguments):
-        self.server.stdin.write(json.dumps([*map(str, arguments), str(self.said)]) + "\n")
-        self.server.stdin.flush()
-        return int(self.server.stdout.readline())
-
-    def end(self):
-        return int(self.server.stdout.readline()), self.said.read_text(encoding="utf-8")
-
-    def close(self):
-        self.server.stdin.close()
-        self.server.wait(60)
-        self.server.stdout.close()
 
 
 class Fresh:
     """The same in processes of their own."""
 
     def start(self, arguments):
-        self.process = subprocess.Popen([sys.executable, "-m", "bayes_dea", *map(str, arguments)],
+        self.process = subprocess.Popen([sys.executable, str(SHORT_RUNS), *map(str, arguments)],
                                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT)
         return self.process.pid
+
+    def running(self, _process):
+        return self.process.poll() is None
 
     def end(self):
         said, _ = self.process.communicate(timeout=120)
@@ -110,11 +91,16 @@ class Series:
         rng = np.random.default_rng(seed)
         done = ended = 0
         out = self.folder(f"{name}{ended}")
+        # how long a run takes that begins, and one that goes on: as seen when one ended, a little more with every kill
+        lasts = {False: self.seconds, True: self.seconds}
         while done < kills:
             number = SIGNALS[int(rng.integers(3))]
+            goes_on = any(out.glob(".checkpoint-*.npz"))
             began = time.monotonic()
             process = runs.start([*arguments(self.campaign, out), "--resume"])
-            time.sleep(float(rng.uniform(0.0, self.seconds)))
+            until = time.monotonic() + float(rng.uniform(0.0, lasts[goes_on]))
+            while time.monotonic() < until and runs.running(process):
+                time.sleep(0.002)
             try:
                 os.kill(process, number)
             except ProcessLookupError:
@@ -123,7 +109,9 @@ class Series:
             lasted = time.monotonic() - began
             self.log.append(f"{name} {lasted:.2f} s, {number}: {status}")
             assert "Traceback" not in said or isinstance(runs, Fresh), said
+            lasts[goes_on] *= 1.02
             if status == 0:
+                lasts[goes_on] = lasted
                 self.assert_same(out)
                 ended += 1
                 out = self.folder(f"{name}{ended}")

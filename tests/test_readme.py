@@ -7,9 +7,13 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from short_runs import shorten, without_page
+
+from bayes_dea import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -26,59 +30,52 @@ def beside_quickstart(tmp_path: Path, voltage_campaign: Path) -> Path:
     return tmp_path
 
 
-def test_python_block_runs(beside_quickstart: Path):
-    (code,) = blocks("python")
-    assert 3 <= len([line for line in code.splitlines() if line.strip()]) <= 6
-    done = subprocess.run([sys.executable, "-c", code], cwd=beside_quickstart, capture_output=True, text=True,
-                          timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    mean, sd = map(float, done.stdout.split())
-    assert 1e5 < mean < 1e7
-    assert 0 < sd < mean
-    assert (beside_quickstart / "out" / "notebook" / "report.html").is_file()
+@pytest.fixture
+def run(beside_quickstart: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """`run(line)`: a line of the README in that folder, in this process; what it calibrates is short."""
+    shorten(monkeypatch.setattr)
+    monkeypatch.chdir(beside_quickstart)
+    monkeypatch.setenv("TERM", "dumb")  # else the command sets it
+
+    def run(line: str, *more: str) -> None:
+        program, *words = shlex.split(line)
+        assert program == "bayes-dea"
+        words = [f for w in words for f in (sorted(map(str, Path().glob(w))) if "*" in w else [w])]
+        monkeypatch.setattr(sys, "argv", [program, *words, *more, "--quiet"])
+        assert cli._run() == 0, line
+
+    return run
 
 
-def test_commands_with_priors_run(beside_quickstart: Path):
+def test_commands_with_priors_run(beside_quickstart: Path, run: Callable[..., None], monkeypatch: pytest.MonkeyPatch):
     commands = re.findall(r"^    (bayes-dea calibrate .*)$", README, re.M)
     assert len(commands) == 2
     (beside_quickstart / "my_priors.toml").write_text(
         '[parameters.Y_Pa]\nprior = "lognormal"\nmedian = 1.1e6\nlog_sd = 0.3\nunit = "Pa"\nsource = "a test"\n',
         encoding="utf-8")
-    for text in commands:
-        words = [sys.executable, "-m", "bayes_dea", *shlex.split(text)[1:], "--max-steps", "200", "--quiet"]
-        done = subprocess.run(words, cwd=beside_quickstart, capture_output=True, text=True, timeout=300, check=False)
-        assert done.returncode == 0, done.stderr
+    without_page(monkeypatch.setattr)
+    for line in commands:
+        run(line, "--max-steps", "200")
 
 
-def test_command_that_redoes_the_paper_runs(tmp_path: Path):
+def test_command_that_redoes_the_paper_runs(run: Callable[..., None]):
     """One part of it, for the time."""
     (line,) = re.findall(r"^    (bayes-dea paper .*)$", README, re.M)
-    words = [sys.executable, "-m", "bayes_dea", *shlex.split(line)[1:], "--sections", "misprints", "--quiet"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert len(json.loads((tmp_path / "paper" / "paper.json").read_text(encoding="utf-8"))["entries"]) == 35
-    assert (tmp_path / "paper" / "report.html").is_file()
+    run(line, "--sections", "misprints")
+    assert len(json.loads(Path("paper/paper.json").read_text(encoding="utf-8"))["entries"]) == 35
+    assert Path("paper/report.html").is_file()
 
 
-def test_command_that_compares_runs(beside_quickstart: Path):
+def test_command_that_compares_runs(run: Callable[..., None]):
     """With fewer structures than printed, for the time."""
     (line,) = re.findall(r"^    (bayes-dea compare .*)$", README, re.M)
-    words = [sys.executable, "-m", "bayes_dea", *shlex.split(line)[1:], "--quiet"]
-    words[words.index("--models") + 1] = "hooke,hooke+gm1..2"
-    done = subprocess.run(words, cwd=beside_quickstart, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (beside_quickstart / "comparison" / "comparison.json").is_file()
+    run(re.sub(r"--models \S+", "--models hooke,hooke+gm1..2", line))
+    assert Path("comparison/comparison.json").is_file()
 
 
-def test_commands_on_a_calibration_run(beside_quickstart: Path):
+def test_commands_on_a_calibration_run(beside_quickstart: Path, run: Callable[..., None]):
     """The lines of "Using a calibration", "Files of another make" and the bench's, in their order."""
     import numpy as np
-
-    def run(line: str) -> None:
-        here = f"{shlex.quote(sys.executable)} -m bayes_dea {line.removeprefix('bayes-dea ')} --quiet"
-        done = subprocess.run(here, shell=True, cwd=beside_quickstart, capture_output=True, text=True, timeout=300,
-                              check=False)
-        assert done.returncode == 0, f"{line}\n{done.stderr}"
 
     run("bayes-dea calibrate quickstart --model hooke+gm1 --out out --max-steps 200")
     t = np.arange(400) * 0.01

@@ -1,10 +1,11 @@
 """Interrupted runs go on to the same numbers (CONTRACT 2), and what must not change the numbers does not."""
 
+import contextlib
 import json
+import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import time
 import warnings
@@ -12,6 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from forks import Forks
+from short_runs import short_settings, shorten
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
@@ -31,26 +34,23 @@ def stamps(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob(".checkpoint-*.npz")}
 
 
-def interrupt(arguments, out, number):
-    """Start a calibration, wait for a new checkpoint, send the signal; returns exit status and standard error."""
+def interrupt(runs, arguments, out, number):
+    """Start a calibration, wait for a new checkpoint, send the signal; returns exit status and what was printed."""
     before = stamps(out) if out.is_dir() else {}
-    process = subprocess.Popen([sys.executable, "-m", "bayes_dea", *arguments], stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 200
-    while time.monotonic() < deadline and process.poll() is None and stamps(out) == before:
+    process = runs.start(arguments)
+    deadline = time.monotonic() + 100
+    while time.monotonic() < deadline and stamps(out) == before:
         time.sleep(0.005)
-    process.send_signal(number)
-    stdout, stderr = process.communicate(timeout=60)
-    if process.returncode == 0:
-        return None, stderr  # it was done before the signal came
-    assert stdout == ""
-    return process.returncode, stderr
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process, number)
+    status, said = runs.end()
+    return (None if status == 0 else status), said  # it may be done before the signal comes
 
 
-def interrupt_thrice(arguments, out):
+def interrupt_thrice(runs, arguments, out):
     """One run, interrupted by each signal in turn; False when it ended before the last of them reached it."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        status, said = interrupt(arguments, out, number)
+        status, said = interrupt(runs, arguments, out, number)
         if status is None:
             return False
         assert status == EXIT[number], said
@@ -63,25 +63,36 @@ def interrupt_thrice(arguments, out):
     return True
 
 
-def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, converged, command, tmp_path):
-    for attempt in range(12):
-        out = tmp_path / f"out{attempt}"
-        arguments = ["calibrate", str(voltage_campaign), "--model", "hooke+gm1", "--out", str(out), "--workers", "1",
-                     "--checkpoint-seconds", "0"]
-        if interrupt_thrice(arguments, out):
-            break
-    else:
-        pytest.skip("too busy here to interrupt a run of a second three times; test_kills.py does it at random")
-    (checkpoint,) = out.glob(".checkpoint-*.npz")
-    with np.load(checkpoint) as state:
-        done_before = int(state["counts"][0])
-    assert 20 <= done_before < converged.summary["sampler"]["steps"]
-    done = command(*arguments, "--quiet", "--resume")
-    assert done.returncode == 0, done.stderr
-    s = json.loads((out / "calibration.json").read_text(encoding="utf-8"))
-    assert timeless(s) == timeless(converged.summary)
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no signals and forks")
+def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, tmp_path):
+    """In the sampler, which rests a little after each checkpoint; test_kills.py does it at random, all along a run."""
+
+    def arguments(out):
+        return ["calibrate", voltage_campaign, "--model", "hooke+gm1", "--out", out, "--workers", 1, "--quiet",
+                "--checkpoint-seconds", 0]
+
+    undisturbed = tmp_path / "undisturbed"
+    runs = Forks(tmp_path / "said", arguments(undisturbed), rests_s=0.2)
+    try:
+        for attempt in range(4):
+            out = tmp_path / f"out{attempt}"
+            if interrupt_thrice(runs, arguments(out), out):
+                break
+        else:
+            pytest.skip("too busy here to interrupt a run of seconds three times")
+        (checkpoint,) = out.glob(".checkpoint-*.npz")
+        with np.load(checkpoint) as state:
+            done_before = int(state["counts"][0])
+        runs.start([*arguments(out), "--resume"])
+        assert runs.end() == (0, "")
+    finally:
+        runs.close()
+    s, expected = (json.loads((d / "calibration.json").read_text(encoding="utf-8")) for d in (out, undisturbed))
+    assert 20 <= done_before < expected["sampler"]["steps"]
+    assert expected["sampler"]["converged"]
+    assert timeless(s) == timeless(expected)
     assert sorted(p.name for p in out.iterdir()) == ["calibration.json", "posterior.nc", "report.html"]
-    ours, theirs = bd.load_posterior(out), bd.load_posterior(converged.folder)
+    ours, theirs = bd.load_posterior(out), bd.load_posterior(undisturbed)
     for group in ("posterior", "log_likelihood", "posterior_predictive", "prior"):
         for name, values in theirs[group].data_vars.items():
             assert np.array_equal(ours[group][name].values, values.values, equal_nan=True), (group, name)
@@ -89,7 +100,7 @@ def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, 
 
 # ---------------------------------------------------------------- in this process, so that the sampler can be watched
 
-QUICK = bd.CalibrationSettings(predictive_draws=20, sampler=EnsembleSettings(max_steps=200, checkpoint_seconds=0.0))
+QUICK = short_settings(predictive_draws=20, sampler=EnsembleSettings(max_steps=200, checkpoint_seconds=0.0))
 
 
 class _StopError(Exception):
@@ -191,6 +202,7 @@ def test_resume_and_anew(small_campaign, tmp_path, monkeypatch, capsys):
     campaign = tiny_campaign(small_campaign, tmp_path / "tiny")
     monkeypatch.setattr(sampling, "sample", watched)
     monkeypatch.setattr("bayes_dea.report.page.write_report", lambda folder, **_: None)
+    shorten(monkeypatch.setattr)
 
     def run(*options):
         began.clear()
@@ -237,7 +249,7 @@ def test_a_checkpoint_that_does_not_fit_is_not_used(campaign, undisturbed, tmp_p
 @pytest.mark.usefixtures("without_refits")
 def test_workers_change_no_number(small_campaign):
     both = bd.load_campaign(small_campaign)
-    few = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=60))
+    few = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=40), adapt=replace(QUICK.adapt, steps=40))
     one = calibrate(both, settings=replace(few, workers=1))
     for workers in (2, 4):
         more = calibrate(both, settings=replace(few, workers=workers))
@@ -276,7 +288,7 @@ def test_order_of_recordings_matters_no_more_than_chance(voltage_campaign, conve
     toml.write_text("".join([others[0], *reversed(recordings), *others[1:]]), encoding="utf-8")
     campaign = bd.load_campaign(folder)
     assert campaign.recordings[0].name == "rectangle_1Hz.csv"
-    turned = bd.calibrate(campaign, "hooke+gm1", seed=1, settings=bd.CalibrationSettings(predictive_draws=20))
+    turned = bd.calibrate(campaign, "hooke+gm1", seed=1, settings=short_settings(predictive_draws=20))
     assert turned.converged
     for name, theirs in converged.summary["parameters"].items():
         ours = turned.parameters[name]
