@@ -22,6 +22,7 @@ from .options import (
     SeedOption,
     conclude,
     count,
+    number,
     overrides,
     seconds,
     writing,
@@ -41,6 +42,14 @@ def live(
     play: Annotated[str | None, typer.Option(metavar="NAME", help="Let the device play one of its programmes.")] = None,
     command: Annotated[Path | None, typer.Option(metavar="FILE", help="Stream this command (time_s, voltage_V), within "
                                                  "the limit of the actuator.")] = None,
+    adaptive: Annotated[bool, typer.Option("--adaptive", help="Choose experiments itself, one after the other, until "
+                                           "--until is reached or --budget is spent.")] = False,
+    budget: Annotated[str | None, typer.Option(metavar="TIME", help="Bench time of an adaptive run: 600s, 10min, "
+                                               "1h.")] = None,
+    until: Annotated[list[str] | None, typer.Option(metavar="NAME=SD", help="Precision at which an adaptive run ends: "
+                                                    "k_1_Pa=5% or in the parameter's unit; several by commas or "
+                                                    "repeated.")] = None,
+    max_voltage: Annotated[float | None, number(help="Largest voltage to command (V), below the actuator's.")] = None,
     duration: Annotated[float | None, seconds(help="End after so many seconds of the device's time; else at the end of "
                                               "what is played, or at Ctrl-C.", min=0.0)] = None,
     zero: Annotated[bool, typer.Option("--zero", help="Set the sensor to zero first; the actuator rests.")] = False,
@@ -65,6 +74,7 @@ def live(
     kill -9, the same command goes on; a finished run goes on with --resume. --anew moves what is there into a folder
     of its own inside --out.
     """
+    from ..live.adaptive import check_adaptive
     from ..live.journal import set_aside
     from ..live.learner import LearnerSettings
     from ..live.run import LIVE_FILE, LiveSettings, View
@@ -74,10 +84,16 @@ def live(
 
     if play is not None and command is not None:
         raise InputError("--play and --command: give one of them")
+    chosen = None
+    if adaptive:
+        chosen = check_adaptive(budget, until, {"--play": play, "--command": command, "--duration": duration})
+    elif budget is not None or until:
+        raise InputError("--budget and --until belong to --adaptive")
     if resume and anew:
         raise InputError("--resume and --anew: give one of them")
     settings = LiveSettings(duration, baud, zero=zero, play=play, command=command, device=device, start=start,
-                            learner=LearnerSettings(block, sequential=SequentialSettings(particles)))
+                            learner=LearnerSettings(block, sequential=SequentialSettings(particles)),
+                            adaptive=chosen, max_voltage_V=max_voltage)
     with writing(out), contextlib.ExitStack() as stack:
         if anew:
             set_aside(out)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from .run import View
+from .summary import experiment_words
 
 _BARS = " ▁▂▃▄▅▆▇█"
 
@@ -46,6 +47,9 @@ def picture(view: View, model: str) -> Any:
             text += f"  expected {1e6 * view.band[0]:.1f} um ({1e6 * view.band[1]:.1f} to {1e6 * view.band[2]:.1f})"
         parts.append(Text(text))
     parts.append(table)
+    if view.adaptive:
+        parts.append(Text(f"adaptive: {view.adaptive}", style="bold"))
+        parts += [Text(f"  {experiment_words(e)}") for e in view.experiments[-3:]]
     for alarm in view.alarms[-3:]:
         parts.append(Text(f"ALARM at {alarm['time_s']:.2f} s: {alarm['what']}", style="bold red"))
     return Group(*parts)

@@ -31,19 +31,28 @@ class Command:
     voltage_V: Array
 
 
-def limit_of(actuator: Actuator) -> float:
-    """Largest voltage that may be commanded. Raises InputError where the campaign states none."""
+def limit_of(actuator: Actuator, own_V: float | None = None) -> float:
+    """Largest voltage that may be commanded. own_V: a limit of the user's own, below the actuator's.
+
+    Raises InputError where the campaign states none, or own_V is above it.
+    """
     if actuator.max_voltage_V is None:
         raise InputError("[actuator] max_voltage_V is missing: nothing is driven without a limit")
-    return actuator.max_voltage_V
+    if own_V is None:
+        return actuator.max_voltage_V
+    if not (math.isfinite(own_V) and own_V > 0):
+        raise InputError(f"--max-voltage {own_V:g}: give a positive number of volts")
+    if own_V > actuator.max_voltage_V:
+        raise InputError(f"--max-voltage {own_V:g}: the actuator takes {actuator.max_voltage_V:g} V; give less")
+    return own_V
 
 
-def read_command(path: Path, actuator: Actuator) -> Command:
-    """A command file (columns time_s, voltage_V), checked against the limit of the actuator.
+def read_command(path: Path, actuator: Actuator, own_V: float | None = None) -> Command:
+    """A command file (columns time_s, voltage_V), checked against the limit of the actuator and the user's own.
 
     Raises InputError naming the row that goes beyond it, or that cannot be read.
     """
-    limit = limit_of(actuator)
+    limit = limit_of(actuator, own_V)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             table = list(csv.reader(file))
@@ -73,21 +82,25 @@ def read_command(path: Path, actuator: Actuator) -> Command:
 
 
 class Driver:
-    """Starts, plays and stops. After a broken connection nothing is commanded any more."""
+    """Starts, plays and stops. After a broken connection nothing is commanded any more.
 
-    def __init__(self, reader: Reader, actuator: Actuator, play: str | None, command: Command | None) -> None:
-        self._reader, self._actuator, self._play, self._command = reader, actuator, play, command
+    adaptive: commands come while it runs, through `stream`. `done`: the command that was streamed is at its end.
+    """
+
+    def __init__(self, reader: Reader, actuator: Actuator, play: str | None, command: Command | None,
+                 own_V: float | None = None, adaptive: bool = False) -> None:
+        self._reader, self._play, self._command, self._adaptive = reader, play, command, adaptive
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.done = threading.Event()
         self.error: BaseException | None = None
-        if play is not None or command is not None:
-            limit_of(actuator)
+        drives = play is not None or command is not None or adaptive
+        self._limit = limit_of(actuator, own_V) if drives or own_V is not None else actuator.max_voltage_V
 
     @property
     def drives(self) -> bool:
         """Whether anything is commanded at all."""
-        return self._play is not None or self._command is not None
+        return self._play is not None or self._command is not None or self._adaptive
 
     def begin(self, zero: bool) -> None:
         """Zero the sensor if asked, start the stream, and what is to be played. Raises BayesDEAError as `ask`."""
@@ -100,12 +113,23 @@ class Driver:
         if self._play is not None:
             r.ask(form.play.format(name=self._play))
         if self._command is not None:
-            self._thread = threading.Thread(target=self._stream, name="live driver", daemon=True)
-            self._thread.start()
+            self.stream(self._command)
+
+    def stream(self, command: Command) -> None:
+        """Stream one command, when the one before is done. Raises InputError where it goes beyond the limit."""
+        over = np.abs(command.voltage_V) > (self._limit or 0.0)
+        if not np.all(np.isfinite(command.voltage_V)) or over.any():
+            raise InputError(f"{float(np.max(np.abs(command.voltage_V))):g} V is beyond the limit of "
+                             f"{self._limit or 0.0:g} V; it is not played")
+        if self._thread is not None:
+            self._thread.join()
+        self.done.clear()
+        self._thread = threading.Thread(target=self._follow, args=(command,), name="live driver", daemon=True)
+        self._thread.start()
 
     def watch(self, voltage_V: Array) -> None:
         """Raises BayesDEAError where the bench reports a voltage beyond the limit."""
-        limit = self._actuator.max_voltage_V
+        limit = self._limit
         if limit is None or not voltage_V.size:
             return
         most = float(np.max(np.abs(voltage_V)))
@@ -124,14 +148,13 @@ class Driver:
                 r.ask(r.form.stop, 1.0)
             except BayesDEAError:
                 r.say(r.form.stop)
-        elif self._command is not None:
+        elif self._command is not None or self._adaptive:
             r.say(r.form.volts.format(volts=0.0))
 
-    def _stream(self) -> None:
+    def _follow(self, command: Command) -> None:
         """Follow the command by the device's clock: what was in force is what the device reports."""
-        assert self._command is not None
-        r, t, V = self._reader, self._command.time_s, self._command.voltage_V
-        limit = limit_of(self._actuator)
+        r, t, V = self._reader, command.time_s, command.voltage_V
+        limit = self._limit or 0.0
         try:
             began = r.time_s
             while not math.isfinite(began) and not self._stop.wait(_POLL_S):

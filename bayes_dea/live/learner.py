@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..fit.reweigh import systematic
 from ..likelihood.basis import LagBasis
+from ..likelihood.gram import RecordGram
 from ..likelihood.linear_group import LinearGroup
 from ..likelihood.posterior import Posterior
 from ..models.electrostatics import stress_factor, stroke_factor
@@ -23,11 +24,13 @@ from ..models.model import Model
 from ..noise.dropouts import find_dropouts
 from ..predict_recordings import conditional_gain
 from ..quantities import reported_quantities
+from .mains import KEPT_S, MainsWatch
 from .monitor import Alarm, Monitor, MonitorSettings
 from .open_basis import open_basis
+from .outlook import Snapshot, session_offset
 from .sequential import Advance, Particles, SequentialSettings, advance, begin, spread_out
 from .setup import Bench
-from .sums import Rows, SessionSums
+from .sums import Beyond, Rows, SessionSums
 from .target import Start, empty_posterior, offset_sd, start_from_posterior, start_from_prior, with_sums
 
 Array = NDArray[np.float64]
@@ -128,6 +131,13 @@ class Learner:
         self.monitor: Monitor | None = None
         self.log_evidence = 0.0
         self.prior_quantities: dict[str, Array] = {}
+        self.mains: MainsWatch | None = None
+        # blocks to look for mains in: session, rows, mask, columns beside the lags
+        self._recent: list[tuple[int, Array, NDArray[np.bool_], Array]] = []
+        self._width = 0  # columns beside the lags
+        self._recent_whole = True  # whether they reach back to the start of their session
+        self.latest: dict[str, dict[str, float]] = {}  # mean and sd of every parameter, after the last update
+        self.largest_V = 0.0
 
     # ------------------------------------------------------------ rows in
     def feed(self, session: Session, rows: Array) -> None:
@@ -143,6 +153,11 @@ class Learner:
                 return False
             self._prepare()
         return self._waiting >= self.block + _CONTEXT
+
+    @property
+    def wants_drive(self) -> bool:
+        """Whether nothing is learned before the actuator is driven."""
+        return False
 
     def update(self, last: bool = False) -> Update | None:
         """Learn from the next block, or, at the end of a run, from what is left. None where there is too little."""
@@ -166,8 +181,11 @@ class Learner:
             self.masked += int(masked.sum())
             assert self.monitor is not None
             alarms += self.monitor.dropouts(int(masked.sum()), len(rows), time_s)
-            got = sums.add(rows[:, 0], rows[:, 1], rows[:, 2], masked)
-            self._signal.add(got.F[:, -1])
+            assert self.mains is not None
+            got = sums.add(rows[:, 0], rows[:, 1], rows[:, 2], masked, self.mains.frequencies, self._beyond())
+            self._remember(number, rows, masked, sums.last_beyond)
+            self._signal.add(got.y)
+            self.largest_V = max(self.largest_V, float(np.max(np.abs(rows[:, 1]))))
             judged.append((session.number, got))
             self.samples += len(rows)
         assert self.posterior is not None
@@ -175,16 +193,18 @@ class Learner:
         assert self.start is not None
         assert self.monitor is not None
         for k, got in judged:
-            alarms += self.monitor.check(got, before.get(k), self.particles, self.posterior, rng)
+            alarms += self._checked(k, self._shown(got), self._seen(before.get(k)), rng)
+        self._look_for_mains(number, time_s)
         grams = {f"session_{k}": s.gram() for k, s in self._sessions.items() if s.n}
         if not grams:
             return Update(self.number, number, time_s, self.samples, {}, 0.0, tuple(alarms))
-        new = with_sums(self.posterior, grams, self.bench, self._signal.span())
+        new = self._posterior_of(grams)
         old = self.posterior.log_likelihood
         step = advance(self.particles, self.start.log_prior, old, new.log_likelihood, rng, self.settings.sequential)
         self.particles, self.posterior = step.particles, new
         self.log_evidence += step.log_evidence
-        values = self._weighted()
+        values = self.latest = self._weighted()
+        self._settle(rng)
         return Update(self.number, number, time_s, self.samples, values, step.log_evidence, tuple(alarms), step)
 
     # ------------------------------------------------------------ what is believed
@@ -218,18 +238,78 @@ class Learner:
         in it), without the noise."""
         if not self._sessions or self.particles is None or self.posterior is None or not self.particles.x.size:
             return None
-        group = self.posterior.groups[0]
+        sums = list(self._sessions.values())[-1]
+        row = np.concatenate([sums.state, [sums.scale * sums.last_voltage_V**2], *sums.last_beyond[-1:]])
+        v = self._vectors(self.posterior.model_part(self.draws(200)))
+        low, middle, high = np.nanquantile(v @ row, [0.05, 0.5, 0.95])
+        return float(middle), float(low), float(high)
+
+    def log_det(self) -> float:
+        """Log determinant of the covariance of the model's coordinates."""
+        assert self.particles is not None
+        z = self.particles.x[:, : self.model.dimension]
+        return float(np.linalg.slogdet(np.atleast_2d(np.cov(z.T, aweights=self.particles.weights)))[1])
+
+    def snapshot(self, n: int = 2000) -> Snapshot | None:
+        """What is believed now of an experiment that begins now; None before anything was learned."""
+        if not self._sessions or self.posterior is None or not self.posterior.groups[0].fitted:
+            return None
+        q = self.draws(n)
+        p, group = self.posterior, self.posterior.groups[0]
         assert isinstance(group, LinearGroup)
         sums = list(self._sessions.values())[-1]
-        row = np.concatenate([sums.state, [sums.scale * sums.last_voltage_V**2]])
-        v = group.vectors(self.model, self.posterior.model_part(self.draws(200)))
-        low, middle, high = np.quantile(v @ row, [0.05, 0.5, 0.95])
-        return float(middle), float(low), float(high)
+        sigma, rho = p.noise_part(q, group.channel)
+        sd, r = float(np.exp(np.mean(np.log(group.total_sd(sigma))))), float(np.mean(rho[:, 0]))
+        vectors = self._vectors(p.model_part(q))
+        mean, spread = next(iter(conditional_gain(p, q).values()))
+        gains = mean + spread * np.random.default_rng([self.seed, self.number, 4]).standard_normal(len(q))
+        offsets, offset_sd = session_offset(sums.gram(), (1 + gains)[:, None] * vectors, sd, r)
+        return Snapshot(self.model, p.model_part(q), vectors, gains, offsets, offset_sd, sd, r, 1.0 / self.step_s,
+                        sums.outlook(self._ahead()), self._ahead() is not None)
 
     @property
     def lost(self) -> int:
         """Samples that are missing by the device's clock."""
         return sum(s.lost for s in self._sessions.values())
+
+    # ------------------------------------------------------------ what models that are more than lags do otherwise
+    def _beyond(self) -> Beyond | None:
+        """Further columns of the rows of a block."""
+        return None
+
+    def _ahead(self) -> Beyond | None:
+        """The same of rows that have not come yet."""
+        return None
+
+    def _vectors(self, z: Array) -> Array:
+        """Response vectors (B, q) of coordinates, for the columns of the sums."""
+        assert self.posterior is not None
+        group = self.posterior.groups[0]
+        assert isinstance(group, LinearGroup)
+        return group.vectors(self.model, z)
+
+    def _shown(self, rows: Rows) -> Rows:
+        """Rows in the columns of the posterior's group."""
+        return rows
+
+    def _seen(self, gram: RecordGram | None) -> RecordGram | None:
+        """Sums in the columns of the posterior's group."""
+        return gram
+
+    def _posterior_of(self, grams: dict[str, RecordGram]) -> Posterior:
+        assert self.posterior is not None
+        return with_sums(self.posterior, grams, self.bench, self._signal.span(), self._lines())
+
+    def _settle(self, rng: np.random.Generator) -> None:
+        """After an update."""
+
+    def approximation(self) -> dict[str, Any] | None:
+        """What is approximate, for live.json; None where nothing is."""
+        return None
+
+    def notes(self) -> list[str]:
+        """What a reader has to know."""
+        return self.mains.words() if self.mains is not None else []
 
     # ------------------------------------------------------------ inside
     def _prepare(self) -> None:
@@ -241,7 +321,7 @@ class Learner:
             raise InputError("the device's time does not rise from line to line; check the columns")
         self.step_s = float(f"{step:.9g}")
         self.block = max(100, round(self.settings.block_s / self.step_s))
-        self.basis = open_basis(self.step_s, self.settings.longest_s)
+        self.basis = open_basis(self.step_s, self.settings.longest_s, linear=self.bench.hold == "linear")
         self.posterior = empty_posterior(self.model, self.bench, self.step_s, self.basis)
         folder = self._start_folder
         p = self.posterior
@@ -249,6 +329,7 @@ class Learner:
         rng = np.random.default_rng([self.seed, 0])
         self.particles = begin(self.start.draws(self.settings.sequential.particles, rng), self.start.log_prior)
         self.monitor = Monitor(self.settings.monitor, self.step_s)
+        self.mains = MainsWatch(self.step_s)
         prior = self.posterior.prior_draws(4000, rng)
         self.prior_quantities = {**self.model.reported(self.posterior.model_part(prior)),
                                  **self.posterior.noise_quantities(prior)}
@@ -264,7 +345,7 @@ class Learner:
                 doubt = session.elapsed_s if last.last_voltage_V else 0.0
             self._sessions[session.number] = SessionSums(
                 self.basis, self.step_s, stress_factor(actuator) * stroke_factor(actuator), self.bench.hold,
-                offset_sd(self.bench, session.zeroed), state, doubt)
+                offset_sd(self.bench, session.zeroed), state, doubt, self._width)
         return self._sessions[session.number]
 
     def _take(self, n: int) -> list[tuple[Session, Array, tuple[Array, Array]]]:
@@ -300,6 +381,52 @@ class Learner:
                               resolution=self.bench.sensor.resolution)
         return found[len(context[0]) : len(context[0]) + len(rows)]
 
+    # ------------------------------------------------------------ mains
+    def _remember(self, number: int, rows: Array, masked: NDArray[np.bool_], beyond: Array) -> None:
+        """Keep rows to look for lines in; those of another clock go."""
+        assert self.mains is not None
+        if not self._recent or self._recent[-1][0] != number:
+            self._recent, self._recent_whole = [], True
+            self.mains.begin(float(rows[0, 0]))
+        self._recent.append((number, rows, masked, beyond))
+        while self._recent[0][1][-1, 0] < rows[-1, 0] - KEPT_S:
+            self._recent.pop(0)
+            self._recent_whole = False
+
+    def _checked(self, number: int, got: Rows, gram: RecordGram | None, rng: np.random.Generator) -> list[Alarm]:
+        """Alarms of a block; scatter that is a mains line is none."""
+        assert self.monitor is not None
+        assert self.mains is not None
+        assert self.particles is not None
+        assert self.posterior is not None
+        alarms = self.monitor.check(got, gram, self.particles, self.posterior, rng)
+        return [a for a in alarms
+                if not (a.what.startswith("scatter") and self.mains.explains(*self.monitor.left_over, number))]
+
+    def _look_for_mains(self, number: int, time_s: float) -> None:
+        """Look for lines now and then; where one is found, take it out of the kept rows as well where they are all."""
+        assert self.mains is not None
+        if not self._recent or not self.mains.due(time_s):
+            return
+        rows = np.concatenate([r for _, r, _, _ in self._recent])
+        masked = np.concatenate([m for _, _, m, _ in self._recent])
+        new = self.mains.look(rows[:, 0], rows[:, 1], rows[:, 2], masked, number)
+        if new and self._recent_whole:
+            again = self._sessions[number].anew()
+            for _, part, mask, beyond in self._recent:
+                known = None if self._beyond() is None else _already(beyond)
+                again.add(part[:, 0], part[:, 1], part[:, 2], mask, self.mains.frequencies, known)
+            self._sessions[number] = again
+
+    def _lines(self) -> tuple[tuple[float, float], ...]:
+        counts: dict[int, list[float]] = {}
+        for sums in self._sessions.values():
+            for key, (times, cosines) in sums.lines.items():
+                have = counts.setdefault(key, [0.0, 0.0])
+                have[0] += times
+                have[1] += cosines
+        return tuple((times, cosines / times) for times, cosines in counts.values())
+
     def _weighted(self) -> dict[str, dict[str, float]]:
         assert self.particles is not None
         assert self.posterior is not None
@@ -309,3 +436,8 @@ class Learner:
             mean = float(w @ v)
             out[name] = {"mean": mean, "sd": math.sqrt(float(w @ (v - mean) ** 2))}
         return out
+
+
+def _already(columns: Array) -> Beyond:
+    """Columns that were worked out before."""
+    return lambda *_: columns

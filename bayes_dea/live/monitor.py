@@ -23,7 +23,7 @@ from ..likelihood.gram import RecordGram
 from ..likelihood.linear_group import LinearGroup
 from ..likelihood.posterior import Posterior
 from .sequential import Particles
-from .sums import Rows
+from .sums import Rows, weighted
 
 Array = NDArray[np.float64]
 _WHAT = ("level", "stroke", "delay", "scatter")
@@ -94,6 +94,8 @@ class Monitor:
         self._quiet_until = self._dropouts_until = -np.inf
         self._dropouts, self._rows = 1.0, 1000.0
         self.z = np.zeros(len(_WHAT))
+        #: of the last block: times (n,), what the prediction leaves over (n,) m, and the scatter expected of it
+        self.left_over = (np.zeros(0), np.zeros(0), 1.0)
 
     def dropouts(self, count: int, rows: int, time_s: float) -> list[Alarm]:
         """An alarm where drop-outs are far more frequent than so far."""
@@ -139,6 +141,8 @@ class Monitor:
         spread = np.sqrt(size + scores.var(axis=1))
         z[:3][acting] = scores.mean(axis=1)[acting] / spread[acting]
         error = y - predicted.mean(axis=1)
+        raw = rows.F[:, -1] - rows.F[:, :-2] @ mean - rows.F[:, -2] * float(offset.mean())
+        self.left_over = rows.time_s, raw, sd
         extra = float(predicted.var(axis=1).sum())
         width = math.sqrt(2 * m + 4 * m * m * float(np.var(np.log(sigma)))) + 2 * extra
         z[3] = max((float(error @ error) - m - extra) / width, -self.settings.drift)
@@ -183,12 +187,7 @@ class Monitor:
 def _gain_and_offset(gram: RecordGram, v: Array, gain_sd: float, sd: float, r: float, rng: np.random.Generator
                      ) -> tuple[Array, Array]:
     """A draw of gain and offset of the session for each response vector (n, K + 1)."""
-    w = 1.0 / (sd * sd)
-    Q = w * gram.first
-    for k, step in enumerate(gram.steps):
-        rho = abs(r) ** step if round(step) % 2 == 0 else math.copysign(abs(r) ** step, r)
-        u = w / (1 - rho * rho)
-        Q = Q + u * gram.later[k] + u * rho * rho * gram.earlier[k] - u * rho * gram.cross[k]
+    Q = weighted(gram, sd, r)
     X, one, y = Q[:-2, :-2], Q[:-2, -2], Q[:-2, -1]
     xx = np.einsum("ni,ij,nj->n", v, X, v)
     x1, xy = v @ one, v @ y

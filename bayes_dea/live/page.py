@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from .run import View
+from .summary import experiment_words
 
 _LOCAL = ("127.0.0.1", "localhost", "::1")
 _REFRESH_MS = 500
@@ -39,7 +40,7 @@ class Board:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._frame: dict[str, Any] = {"signal": ([], [], [], []), "parameters": {}, "evidence": ([], []), "text": "",
-                                       "alarms": ""}
+                                       "alarms": "", "adaptive": ""}
 
     def write(self, view: View) -> None:
         """Take over what is shown."""
@@ -59,6 +60,9 @@ class Board:
                     f"behind by {view.lag_s:.2f} s, log evidence {view.log_evidence:.1f}"
                     + ("" if view.connected else " - DISCONNECTED"),
             "alarms": "".join(f"<li>{a['time_s']:.2f} s: {_escaped(a['what'])}</li>" for a in view.alarms[-20:]),
+            "adaptive": "" if not view.adaptive else f"<b>Adaptive</b>: {_escaped(view.adaptive)}<ul>" + "".join(
+                f"<li title='{_escaped(e['why'])}'>{_escaped(experiment_words(e))}</li>"
+                for e in view.experiments[-20:]) + "</ul>",
         }
         with self._lock:
             self._frame = frame
@@ -86,7 +90,7 @@ def _document(board: Board, model: str, token: str | None) -> Callable[[Any], No
         if not allowed(given, token):
             doc.add_root(Div(text="This page needs the token that bayes-dea printed: add ?token=... to the address."))
             return
-        head, alarms = Div(text=""), Div(text="")
+        head, alarms, adaptive = Div(text=""), Div(text=""), Div(text="")
         signal = ColumnDataSource({"t": [], "y": []})
         expected = ColumnDataSource({"t": [], "middle": [], "low": [], "high": []})
         plot = figure(height=280, sizing_mode="stretch_width", title="signal, and what the model expects",
@@ -104,6 +108,7 @@ def _document(board: Board, model: str, token: str | None) -> Callable[[Any], No
             f = board.read()
             head.text = f"<b>{_escaped(model)}</b> {_escaped(f['text'])}"
             alarms.text = f"<b>Alarms</b><ul>{f['alarms'] or '<li>none</li>'}</ul>"
+            adaptive.text = f["adaptive"]
             signal.data = {"t": f["signal"][0], "y": f["signal"][1]}
             if f.get("band") is not None:
                 t, middle, low, high = f["band"]
@@ -123,7 +128,7 @@ def _document(board: Board, model: str, token: str | None) -> Callable[[Any], No
                 m, s = np.array(mean), np.array(sd)
                 sources[name].data = {"n": n, "mean": m, "low": m - 1.645 * s, "high": m + 1.645 * s}
 
-        doc.add_root(column(head, alarms, plot, grid, sizing_mode="stretch_width"))
+        doc.add_root(column(head, alarms, adaptive, plot, grid, sizing_mode="stretch_width"))
         doc.add_periodic_callback(refresh, _REFRESH_MS)
 
     return build

@@ -19,12 +19,14 @@ from ..errors import InputError
 from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
 from ..results import read_json, write_bytes, write_json
+from .adaptive import Adaptive, AdaptiveSettings
 from .driver import Driver, read_command
+from .follow import make_learner
 from .journal import Journal
 from .learner import Learner, LearnerSettings, Session, Update
 from .reader import Batch, Reader
 from .sequential import SequentialSettings
-from .setup import Bench, check_model, read_bench, read_device
+from .setup import Bench, read_bench, read_device
 from .summary import beliefs, posterior_bytes
 
 LIVE_FILE = "live.json"
@@ -39,7 +41,8 @@ _TAIL_S = 2.0
 @dataclass(frozen=True)
 class LiveSettings:
     """duration_s: of the device's time, until the end of what is played or Ctrl-C where None; patience_s: for a port
-    that broke. zero: set the sensor to zero first. play, command: what is driven, at most one of them."""
+    that broke. zero: set the sensor to zero first. play, command, adaptive: what is driven, at most one of them;
+    max_voltage_V: a limit of the user's own, below that of the actuator."""
 
     duration_s: float | None = None
     baud: int = 460_800
@@ -50,6 +53,8 @@ class LiveSettings:
     device: Path | None = None
     start: Path | None = None
     learner: LearnerSettings = LearnerSettings()
+    adaptive: AdaptiveSettings | None = None
+    max_voltage_V: float | None = None
 
 
 @dataclass
@@ -67,6 +72,8 @@ class View:
     updates: list[Update] = field(default_factory=list)
     log_evidence: float = 0.0
     alarms: list[dict[str, Any]] = field(default_factory=list)
+    experiments: list[dict[str, Any]] = field(default_factory=list)
+    adaptive: str = ""
 
 
 class _History:
@@ -137,18 +144,17 @@ def _follow(
     show: Callable[[View], None] | None,
     stop: Callable[[], bool],
 ) -> dict[str, Any]:
-    if s.play is not None and s.command is not None:
-        raise InputError("--play and --command: give one of them")
+    if sum(x is not None for x in (s.play, s.command, s.adaptive)) > 1:
+        raise InputError("--play, --command and --adaptive: give one of them")
     built = build_model(model, priors) if isinstance(model, str) else model
-    check_model(built)
     bench = read_bench(campaign)
     form = read_device(s.device)
-    command = read_command(s.command, bench.actuator) if s.command is not None else None
-    run = _Run(out, Learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
+    command = read_command(s.command, bench.actuator, s.max_voltage_V) if s.command is not None else None
+    run = _Run(out, make_learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
     last = run.recover(resume)
     warm_up(built, bench, s.learner)
     reader = Reader(port, s.baud, form, run.journal, s.zero, s.patience_s, last)
-    driver = Driver(reader, bench.actuator, s.play, command)
+    driver = Driver(reader, bench.actuator, s.play, command, s.max_voltage_V, s.adaptive is not None)
     reader.start()
     began = time.perf_counter()
     try:
@@ -165,7 +171,10 @@ def _follow(
 
 def warm_up(model: Model, bench: Bench, settings: LearnerSettings) -> None:
     """Load what is compiled before the first sample comes: a posterior that is seconds behind helps nobody."""
-    learner = Learner(model, bench, 0, replace(settings, sequential=SequentialSettings(200), longest_s=60.0))
+    from ..assemble import linearised
+
+    short = replace(settings, sequential=SequentialSettings(200), longest_s=60.0)
+    learner = Learner(model if model.is_linear else linearised(model), bench, 0, short)
     n = 900
     rows = np.stack([0.01 * np.arange(n), np.where(np.arange(n) > 300, 100.0, 0.0), np.zeros(n)], axis=1)
     rows[:, 2] = (bench.sensor.fluctuation or 1e-6) * np.random.default_rng(0).standard_normal(n)
@@ -182,6 +191,8 @@ class _Run:
         self.show = show
         self.view = View()
         self.history = _History()
+        self.adaptive = None if settings.adaptive is None else Adaptive(
+            learner, learner.bench.actuator, settings.adaptive, seed, settings.max_voltage_V)
         self.alarms: list[dict[str, Any]] = []
         self.lags: list[float] = []
         self.arrivals: deque[tuple[int, float]] = deque()  # (samples up to here, arrived), of what is not learned
@@ -193,6 +204,7 @@ class _Run:
         self._written = self._shown = time.monotonic()
         self._first_s: tuple[int, float] | None = None
         self._done_s = 0.0  # device's time of sessions of this run that are over
+        self._earlier_s = 0.0  # device's time of what was on disk before
         self._now: tuple[int, float] = (0, 0.0)
         self._began = time.perf_counter()
 
@@ -206,9 +218,12 @@ class _Run:
         if not resume and (self.out / LIVE_FILE).exists() and read_json(self.out / LIVE_FILE).get("complete"):
             raise InputError(f"--out {self.out}: holds a finished live run; go on with it by --resume, or choose "
                              "another folder")
+        if self.adaptive is not None and resume and (self.out / LIVE_FILE).exists():
+            self.adaptive.take_over((read_json(self.out / LIVE_FILE).get("adaptive") or {}).get("experiments", []))
         last = None
         for session, rows in self.journal.recover():
             self.learner.feed(session, rows)
+            self._earlier_s += float(rows[-1, 0] - rows[0, 0]) if len(rows) else 0.0
             self.received += len(rows)
             last = float(rows[-1, 0]) if len(rows) else -np.inf
             while self.learner.ready():
@@ -228,10 +243,25 @@ class _Run:
             if self.learner.ready():
                 self._learn()
             self._look(reader)
-            if stop() or (reader.ended.is_set() and self.settings.play) or driver.done.is_set():
+            if stop() or (reader.ended.is_set() and self.settings.play):
+                return
+            if self.adaptive is None:
+                if driver.done.is_set():
+                    return
+            elif self._adapt(driver):
                 return
             if self.settings.duration_s is not None and self._elapsed() >= self.settings.duration_s:
                 return
+
+    def _adapt(self, driver: Driver) -> bool:
+        assert self.adaptive is not None
+        count = len(self.adaptive.entries), self.adaptive.ended
+        self.adaptive.spent_s = self._earlier_s + self._elapsed()
+        over = self.adaptive.step(driver, self.received, self.learned, self._now[1])
+        if count != (len(self.adaptive.entries), self.adaptive.ended):  # what was decided outlives a kill
+            self._written = time.monotonic()
+            write_json(self.out / LIVE_FILE, self._summary({}, {}, False))
+        return over
 
     def tail(self, reader: Reader) -> None:
         """What still comes until the device is silent; then the port is closed."""
@@ -297,6 +327,8 @@ class _Run:
             v.lag_s = self.lags[-1] if self.lags else 0.0
             v.time_s, v.connected = self._now[1], reader.connected
             v.log_evidence, v.alarms = self.learner.log_evidence, self.alarms
+            if self.adaptive is not None:
+                v.experiments, v.adaptive = self.adaptive.entries, self.adaptive.statement()
             self.show(v)
         if now - self._written > _WRITE_S:
             self._written = now
@@ -313,6 +345,9 @@ class _Run:
                 pass
             while self._learn(last=True):
                 pass
+            if self.adaptive is not None:
+                self.adaptive.spent_s = self._earlier_s + self._elapsed()
+                self.adaptive.close()
             if broke:
                 self.warnings.append("The connection broke while the run lasted; what came in between is not there, "
                                      "and nothing was put in its place.")
@@ -354,6 +389,7 @@ class _Run:
             "sessions": [{"file": self.journal.path(s.number).name, "zeroed": s.zeroed, "elapsed_s": s.elapsed_s}
                          for s in self.journal.sessions],
             "sample_time_s": learner.step_s or None,
+            **({"adaptive": self.adaptive.summary()} if self.adaptive is not None else {}),
             "complete": complete,
             "seconds": time.perf_counter() - self._began,
             "seconds_by": dict(self.seconds),
@@ -361,5 +397,7 @@ class _Run:
             "version": __version__,
             "inputs": [{"file": self.campaign.name, "size": len(content),
                         "sha256": hashlib.sha256(content).hexdigest()}],
-            "warnings": list(self.warnings),
+            "approximation": learner.approximation(),
+            "mains": learner.mains.found if learner.mains is not None else [],
+            "warnings": [*self.warnings, *learner.notes()],
         }

@@ -11,7 +11,6 @@ from ..campaign.schema import Actuator, Sensor
 from ..campaign.settings import parse_actuator, parse_conventions, parse_sensors
 from ..errors import InputError
 from ..models.electrostatics import VOLTAGE_GEOMETRY, require
-from ..models.model import Model
 from .lines import LineFormat, parse_device
 
 
@@ -53,8 +52,6 @@ def read_bench(path: Path) -> Bench:
         raise InputError(f"{path}: fluctuation_m is not above half of resolution_m; a live run takes quantisation as "
                          "noise, which it is not here. Record with bench software and use calibrate.")
     hold = parse_conventions(content.get("conventions", {}), path.name, content.get("hold"))["hold"]
-    if hold == "linear":
-        raise InputError(f'{path}: hold = "linear" is not offered live; the device reads a held command')
     return Bench(str(content.get("name", path.resolve().parent.name)), actuator, sensor, hold, content)
 
 
@@ -66,11 +63,3 @@ def read_device(path: Path | None) -> LineFormat | None:
     if not isinstance(content.get("device"), dict):
         raise InputError(f"{path}: there is no [device] table")
     return parse_device(content["device"], f"{path.name}, [device]")
-
-
-def check_model(model: Model) -> None:
-    """Raises InputError for a model whose update would not be of constant cost."""
-    if not model.is_linear:
-        raise InputError(f"--model {model.name}: live runs take models that are linear in the squared voltage (hooke "
-                         "with gm, gkv or gkm; pz3, ss3; no effects). The samples are kept as a campaign: calibrate "
-                         "any model on them afterwards.")

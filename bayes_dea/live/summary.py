@@ -70,7 +70,19 @@ def words(summary: Mapping[str, Any]) -> str:
              f"{summary['model']}: {summary['samples']} samples, {summary['bad_lines']} bad lines", ""]
     for name, p in summary["parameters"].items():
         lines.append(f"  {name:24s} {p['mean']:12.5g} +- {p['sd']:.2g} {p['unit']}")
+    adaptive = summary.get("adaptive")
+    if adaptive:
+        lines += ["", f"  {adaptive['statement']}"]
+        lines += [f"  {experiment_words(e)}" for e in adaptive["experiments"]]
     for alarm in summary["alarms"]:
         lines.append(f"  ALARM at {alarm['time_s']:.2f} s: {alarm['what']}")
     lines += [f"  {w}" for w in summary["warnings"]]
     return "\n".join(lines)
+
+
+def experiment_words(e: Mapping[str, Any]) -> str:
+    """One experiment of an adaptive run: what it was, and what it taught against what was expected."""
+    expected, realised = e["expected_information_gain_nats"], e["realised_information_gain_nats"]
+    told = "" if expected is None else f", expected {expected:.2f} nats{' (roughly)' if e['rough'] else ''}"
+    told += "" if realised is None else f", taught {realised:.2f}"
+    return f"{e['number']}. {e['words']}{told}" + ("" if e["status"] == "done" else f" ({e['status']})")

@@ -14,7 +14,7 @@ from ..campaign.schema import Recording
 from ..errors import InputError
 from ..fit.mixture import fit_mixture
 from ..likelihood.basis import LagBasis
-from ..likelihood.gram import RecordGram
+from ..likelihood.gram import GramGroup, RecordGram
 from ..likelihood.linear_group import LinearGroup
 from ..likelihood.posterior import ChannelNoise, Posterior
 from ..likelihood.prepare import Prepared, RateClasses
@@ -25,22 +25,48 @@ from .setup import Bench
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class StreamGroup(LinearGroup):
+    """Sessions of a stream. lines: (times it was taken out of a block, mean cosine of its phase from one row to the
+    next) of each mains line; reference_sd: scatter at which taking them out changes no evidence.
+
+    A line's amplitude and phase, integrated out with a flat prior, leave the determinant of their precision behind:
+    for rows that are even and a whole number of periods it is n/2 (1 + rho^2 - 2 rho cos) / (sd^2 (1 - rho^2)) each.
+    """
+
+    lines: tuple[tuple[float, float], ...] = ()
+    reference_sd: float = 1.0
+
+    def evaluate(self, gram: GramGroup, vectors: Array, sigma: Array, rho: Array) -> Array:
+        """As LinearGroup's, (B, 4)."""
+        out = super().evaluate(gram, vectors, sigma, rho)
+        r = rho[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for times, cosine in self.lines:
+                out[:, 0] -= times * np.log((1 + r * r - 2 * r * cosine) / (1 - r * r)
+                                            * (self.reference_sd / self.total_sd(sigma)) ** 2)
+        return out
+
+
 def empty_posterior(model: Model, bench: Bench, step_s: float, basis: LagBasis) -> Posterior:
     """Posterior before the first sample. The noise is that of CONTRACT 1's statements, as in a calibration."""
     terms = noise_terms(bench.sensor, False, 1.0)
     channel = ChannelNoise("displacement", "m", terms.sigma_median, terms.sigma_log_sd, RateClasses((step_s,)),
                            terms.sigma_median, (0.0,))
-    group = LinearGroup("displacement", "A", (), (), basis, {}, 0.0, terms.quantisation_variance)
+    group = StreamGroup("displacement", "A", (), (), basis, {}, 0.0, terms.quantisation_variance,
+                        reference_sd=float(np.sqrt(terms.sigma_median**2 + terms.quantisation_variance)))
     return Posterior(model, (group,), (channel,), ())
 
 
-def with_sums(posterior: Posterior, grams: Mapping[str, RecordGram], bench: Bench, largest_m: float) -> Posterior:
-    """The posterior given sums by session. largest_m: span of the signal so far, which scales the sensor's gain."""
+def with_sums(posterior: Posterior, grams: Mapping[str, RecordGram], bench: Bench, largest_m: float,
+              lines: tuple[tuple[float, float], ...] = ()) -> Posterior:
+    """The posterior given sums by session. largest_m: span of the signal so far, which scales the sensor's gain;
+    lines: see `StreamGroup`."""
     group = posterior.groups[0]
-    assert isinstance(group, LinearGroup)
+    assert isinstance(group, StreamGroup)
     fitted = tuple(_named(name, bench) for name in grams)
     gain = noise_terms(bench.sensor, False, largest_m).gain_sd
-    return replace(posterior, groups=(replace(group, fitted=fitted, grams=dict(grams), gain_sd=gain),))
+    return replace(posterior, groups=(replace(group, fitted=fitted, grams=dict(grams), gain_sd=gain, lines=lines),))
 
 
 def _named(name: str, bench: Bench) -> Prepared:

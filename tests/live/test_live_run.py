@@ -280,7 +280,7 @@ def test_an_earlier_posterior_is_the_prior(toml, tmp_path):
         assert two["parameters"][p]["sd"] < min(one["parameters"][p]["sd"], alone["parameters"][p]["sd"])
 
 
-def test_models_whose_update_would_grow_are_refused(toml, tmp_path):
-    with pytest.raises(InputError, match="linear"):
-        follow_bench("loop://", toml, "yeoh+gm1", tmp_path / "out")
+def test_models_that_cannot_be_carried_on_are_refused(toml, tmp_path):
+    with pytest.raises(InputError, match="acquisition_delay cannot be followed live"):
+        follow_bench("loop://", toml, "hooke+gm1+acquisition_delay", tmp_path / "out")
     assert not (tmp_path / "out").exists()

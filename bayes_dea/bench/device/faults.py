@@ -11,7 +11,8 @@ from bayes_dea.errors import InputError
 #: faults that are a share of all lines
 _SHARES = ("garble", "cut", "checksum", "dropouts")
 #: faults that come at a moment: their second number, and what it is where only the moment is given
-_MOMENTS = {"reset": 0.3, "stall": 1.5, "unplug": 0.5, "stiffness": 1.05, "delay": 3e-3}
+_MOMENTS = {"reset": 0.3, "stall": 1.5, "unplug": 0.5, "stiffness": 1.05, "delay": 3e-3,
+            "mains": 3e-6}
 NAMES = (*_SHARES, *_MOMENTS, "drift")
 
 
@@ -21,7 +22,8 @@ class LineFaults:
 
     At a moment in s of the device's time since the first START, each with a size: `reset` and how long the device is
     dead (s), `stall` (s), `unplug` (s of the world's clock), `stiffness` (a factor from then on), `delay` of the
-    readings from then on (s). `drift`: relative error of the device's clock.
+    readings from then on (s), `mains` pick-up of that amplitude at 50.02 Hz from then on (m). `drift`: relative error
+    of the device's clock.
     """
 
     garble: float = 0.0

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _RAMP_S = 0.5
 #: silence of the host after which the voltage is ramped down
 SILENCE_S = 2.0
+#: frequency of the grid by the device's clock
+_MAINS_HZ = 50.02
 #: largest drop-out of the laser
 _DROPOUT_M = 300e-6
 
@@ -57,6 +59,7 @@ class Machine:
         self._world = 0  # intervals since the first START; no reset touches it
         self._started = False
         self._delay = 0
+        self._mains_m = 0.0
         self._past = np.zeros(round(settings.rate_Hz) + 1)  # one second of true displacements, newest last
         self.unplugged_s = 0.0
         self._boot()
@@ -165,6 +168,8 @@ class Machine:
                 self.unplugged_s = size
             elif name == "stiffness":
                 self._stack.factor = size
+            elif name == "mains":
+                self._mains_m = size
             elif name == "delay":
                 self._delay = min(round(size * self.settings.rate_Hz), self._past.size - 1)
 
@@ -221,6 +226,9 @@ class Machine:
     def _read(self, true: Array) -> Array:
         s, f = self.settings.sensor, self.settings.faults
         y = (1 + self._gain) * true + self._offset + s.fluctuation * self._rng.standard_normal(true.size)
+        if self._mains_m > 0:
+            t = (self._clock - true.size + 1 + np.arange(true.size)) / self.settings.rate_Hz
+            y = y + self._mains_m * np.sin(2 * np.pi * _MAINS_HZ * t + 0.7)
         if f.dropouts > 0:
             hit = self._rng.random(true.size) < f.dropouts
             y = np.where(hit, y + _DROPOUT_M * self._rng.choice((-1.0, 1.0), true.size), y)

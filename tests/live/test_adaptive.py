@@ -1,0 +1,177 @@
+"""The bench chooses its own experiments: within budget and limits, until what is wanted is known."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from stream import ACTUATOR, ONE_BRANCH, TOML, device, learner, rows_of
+from test_live_run import served
+from threadpoolctl import threadpool_limits
+
+from bayes_dea.bench.device.serve import PtyPort, TcpPort
+from bayes_dea.campaign import load_campaign
+from bayes_dea.errors import BayesDEAError, InputError
+from bayes_dea.live.adaptive import AdaptiveSettings, check_adaptive, choose
+from bayes_dea.live.driver import Command, Driver
+from bayes_dea.live.learner import LearnerSettings, Session
+from bayes_dea.live.outlook import limits_of_stream
+from bayes_dea.live.run import LiveSettings, follow_bench
+from bayes_dea.live.sequential import SequentialSettings
+from bayes_dea.live.wanted import Wanted, parse_budget, parse_wanted
+
+SMALL = LearnerSettings(sequential=SequentialSettings(400), longest_s=600.0)
+
+
+@pytest.fixture
+def toml(tmp_path):
+    path = tmp_path / "campaign.toml"
+    path.write_text(TOML)
+    return path
+
+
+def adapt(name, toml, out, budget, until=(), **options):
+    resume = options.pop("resume", False)
+    settings = LiveSettings(learner=SMALL, adaptive=AdaptiveSettings(budget, tuple(until)), zero=True, **options)
+    return follow_bench(name, toml, "hooke+gm1", out, 1, settings, resume=resume)
+
+
+def test_what_is_wanted_and_what_it_may_cost():
+    known = ["Y_Pa", "k_1_Pa", "tau_1_s"]
+    assert parse_wanted(["k_1_Pa=5%,tau_1_s=0.1"], known) == (Wanted("k_1_Pa", 0.05, True),
+                                                             Wanted("tau_1_s", 0.1, False))
+    assert [parse_budget(b) for b in ("600s", "10min", "600", "0.5 h")] == [600, 600, 600, 1800]
+    for bad in ("k_9_Pa=5%", "k_1_Pa", "k_1_Pa=-5%", "k_1_Pa=soon"):
+        with pytest.raises(InputError, match="--until"):
+            parse_wanted([bad], known)
+    for bad in ("soon", "-5s", "5 days", "0"):
+        with pytest.raises(InputError, match="--budget"):
+            parse_budget(bad)
+    with pytest.raises(InputError, match="needs --budget"):
+        check_adaptive(None, ["Y_Pa=1%"], {})
+    with pytest.raises(InputError, match="--adaptive and --play"):
+        check_adaptive("60s", None, {"--play": "demo"})
+    wanted = Wanted("k_1_Pa", 0.05, True)
+    assert wanted.reached({"k_1_Pa": {"mean": 100.0, "sd": 4.0}})
+    assert not wanted.reached({"k_1_Pa": {"mean": 100.0, "sd": 6.0}})
+    assert not wanted.reached({})
+
+
+@threadpool_limits.wrap(limits=1)
+def test_what_is_expected_is_what_it_teaches():
+    """Carried out without a port: the same posterior machinery, the device's own equations."""
+    expected, realised = [], []
+    for seed in (1,):
+        machine = device(200.0, seed=seed)
+        machine.hear("ZERO")
+        machine.hear("START")
+        one = learner(particles=1500, seed=seed)
+
+        def run(t, V, machine=machine, one=one):
+            n = round(t[-1] * 200)
+            at = np.searchsorted(t, (np.arange(n) + 0.5) / 200, side="right") - 1
+            for i in range(0, n, 20):
+                machine.hear(f"V {V[at[i]]:.2f}")
+                one.feed(Session(1, zeroed=True), rows_of(machine.produce(20)))
+                while one.ready():
+                    one.update()
+
+        run(np.array([0.0, 2.0, 4.0, 8.0]), np.array([0.0, 1200.0, 300.0, 0.0]))
+        limits = limits_of_stream(ACTUATOR, 1200.0, 200.0, 2.0)
+        for _ in range(2):
+            choice = choose(one.snapshot(), limits, (Wanted("tau_1_s", 1e-4, True),), one.latest, 60.0, seed, 10)
+            assert not choice.rough
+            assert "tau_1_s" in choice.why
+            before, sd = one.log_det(), one.latest["tau_1_s"]["sd"]
+            run(*choice.experiment.full())
+            expected.append(choice.nats)
+            realised.append(0.5 * (before - one.log_det()))
+            assert one.latest["tau_1_s"]["sd"] / sd == pytest.approx(choice.shrinks["tau_1_s"], rel=0.25)
+    assert sum(realised) == pytest.approx(sum(expected), rel=0.3)
+
+
+def test_it_stops_when_what_is_wanted_is_known(toml, tmp_path):
+    out = tmp_path / "out"
+    with served(device(), PtyPort(), 8.0) as name:
+        summary = adapt(name, toml, out, "10min", ["tau_1_s=3%"], max_voltage_V=1000.0)
+    a = json.loads((out / "live.json").read_text())["adaptive"]
+    assert a == summary["adaptive"]
+    assert a["ended"] == "reached"
+    assert a["spent_s"] < 300
+    assert a["until"][0]["reached"]
+    tau = summary["parameters"]["tau_1_s"]
+    assert tau["sd"] / tau["mean"] < 0.033
+    assert abs(tau["mean"] - ONE_BRANCH.tau_s[0]) < 4 * tau["sd"]
+    first, *later = a["experiments"]
+    assert "nothing is known yet" in first["why"]
+    assert later
+    for e in later:
+        assert e["expected_information_gain_nats"] > 0
+        assert math.isfinite(e["realised_information_gain_nats"])
+        assert e["experiment"]["kind"]
+    volts = load_campaign(out).recordings[0].columns["voltage_V"]
+    assert 500 < volts.max() <= 1000
+    assert volts[-1] == 0
+    assert summary["complete"]
+
+
+def test_it_stops_when_the_budget_is_spent_and_goes_on_with_what_is_left(toml, tmp_path):
+    out = tmp_path / "out"
+    with served(device(), TcpPort("127.0.0.1", 0), 4.0) as name:
+        first = adapt(name, toml, out, "45s", ["tau_1_s=0.001%"])["adaptive"]
+        assert first["ended"] in ("budget", "nothing left to be taught")
+        assert 15 < first["spent_s"] <= 46
+        again = adapt(name, toml, out, "15s", ["tau_1_s=0.001%"], resume=True)["adaptive"]
+        assert again["ended"] == "budget"
+        assert again["experiments"] == first["experiments"]
+        more = adapt(name, toml, out, "110s", ["tau_1_s=0.001%"], resume=True)["adaptive"]
+    assert len(more["experiments"]) > len(first["experiments"])
+    assert more["experiments"][: len(first["experiments"])] == first["experiments"]
+    assert more["spent_s"] <= 111  # what was spent before counts
+
+
+def test_limits_are_refused_beyond_the_actuator_s(toml, tmp_path):
+    with served(device(), PtyPort()) as name:
+        with pytest.raises(InputError, match="--max-voltage 1500: the actuator takes 1200 V"):
+            adapt(name, toml, tmp_path / "out", "60s", max_voltage_V=1500.0)
+        with pytest.raises(InputError, match="there is no parameter 'k_7_Pa'"):
+            adapt(name, toml, tmp_path / "out", "60s", ["k_7_Pa=5%"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_command_beyond_the_limit_leaves_the_driver():
+    driver = Driver(None, ACTUATOR, None, None, 900.0, adaptive=True)
+    for bad in (901.0, -901.0, math.nan):
+        with pytest.raises(InputError, match="beyond the limit of 900 V"):
+            driver.stream(Command(np.array([0.0, 1.0]), np.array([0.0, bad])))
+
+
+def test_a_bench_that_overshoots_a_limit_of_one_s_own_is_stopped(toml, tmp_path):
+    machine = device()
+    with served(machine, PtyPort(), 4.0) as name, pytest.raises(BayesDEAError, match="beyond the limit of 300 V"):
+        follow_bench(name, toml, "hooke+gm1", tmp_path / "out", 1,
+                     LiveSettings(learner=SMALL, play="creep_0800V", max_voltage_V=300.0))
+    assert machine._target_V == 0.0
+
+
+def test_ctrl_c_ramps_down_and_what_was_chosen_is_kept(toml, tmp_path):
+    out = tmp_path / "out"
+    machine = device()
+    with served(machine, PtyPort(), 4.0) as name:
+        run = subprocess.Popen([sys.executable, "-m", "bayes_dea", "live", "--campaign", str(toml), "--model",
+                                "hooke+gm1", "--out", str(out), "--particles", "300", "--port", name, "--adaptive",
+                                "--budget", "10min"], stderr=subprocess.PIPE, text=True)
+        until = time.monotonic() + 90
+        while time.monotonic() < until and machine._voltage_V < 300:
+            time.sleep(0.02)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=60)[1]
+        assert run.returncode == 130, said
+        assert machine._voltage_V == 0.0
+    a = json.loads((out / "live.json").read_text())["adaptive"]
+    assert a["ended"] is None
+    assert [e["status"] for e in a["experiments"]] == ["interrupted"]

@@ -1,0 +1,137 @@
+"""Models that are no sum of lags, followed at constant cost: against the exact density of every single reading."""
+
+import numpy as np
+import pytest
+from stream import ACTUATOR, BENCH
+from threadpoolctl import threadpool_limits
+
+from bayes_dea.errors import InputError
+from bayes_dea.likelihood.gram import RecordGram, log_likelihood, sum_group
+from bayes_dea.live.adaptive import choose
+from bayes_dea.live.curved import Bank, check_curved
+from bayes_dea.live.follow import make_learner
+from bayes_dea.live.learner import LearnerSettings, Session
+from bayes_dea.live.outlook import limits_of_stream
+from bayes_dea.live.sequential import SequentialSettings
+from bayes_dea.models.model import build_model
+from bayes_dea.models.nodes import Nodes
+from bayes_dea.models.plant import plant_of
+from bayes_dea.models.simulate_plant import simulate_nodes
+
+RATE = 200
+SPEC = "hooke+gm1+series_resistance"
+TRUTH = {"Y_Pa": 1.2e6, "k_1_Pa": 60e3, "tau_1_s": 1.0, "R_s_ohm": 1.5e5}
+SETTINGS = LearnerSettings(sequential=SequentialSettings(1000), longest_s=600.0)
+
+
+def rows_of(seconds, rate=RATE):
+    """A stream of levels and waves, simulated on all rows at once."""
+    n = seconds * rate
+    t = np.arange(1, n + 1) / rate
+    volts = np.repeat(np.random.default_rng(0).uniform(0, 1200, seconds), rate)
+    waves = t % 8 > 5
+    volts[waves] = 600 + 500 * np.sin(2 * np.pi * 1.3 * t[waves])
+    volts = np.where(t <= 2, 0.0, np.round(volts, 2))
+    plant = plant_of(build_model(SPEC), TRUTH, ACTUATOR)
+    x = simulate_nodes(plant, Nodes(t, volts, np.arange(n), n, "end", None, 1 / rate))
+    return np.stack([t, volts, x + 4.7e-6 * np.random.default_rng(1).standard_normal(n)], axis=1), x
+
+
+def exact_log_likelihood(one, rows, q):
+    """Every reading counted, every draw simulated, up to a constant."""
+    p = one.posterior
+    group = p.groups[0]
+    offset_sd = next(iter(one._sessions.values())).offset_sd
+    steps = np.full(len(rows), 1 / RATE)
+    steps[0] = 0.0
+    X = Bank(one.model, ACTUATOR, p.model_part(q)).advance(steps, rows[:, 1], rows[:, 1])
+    sigma, rho = p.noise_part(q, "displacement")
+    out = np.empty(len(q))
+    for i in range(len(q)):
+        F = np.stack([X[i], np.zeros(len(rows)), np.ones(len(rows)), rows[:, 2]], axis=1)
+        a, b = F[1:], F[:-1]
+        gram = RecordGram(F[:1].T @ F[:1], (a.T @ a)[None], (b.T @ b)[None], (a.T @ b + b.T @ a)[None], 1,
+                          np.array([len(a)]), np.ones(1), len(rows), np.array([offset_sd]), np.zeros(1))
+        out[i] = log_likelihood(sum_group([gram], group.gain_sd), np.array([[1.0, 0.0]]), group.total_sd(sigma[[i]]),
+                                rho[[i]])[0, 0]
+    return out
+
+
+@pytest.fixture(scope="module")
+def followed():
+    rows, _ = rows_of(60)
+    one = make_learner(build_model(SPEC), BENCH, 1, SETTINGS)
+    updates = []
+    with threadpool_limits(1):
+        for part in np.array_split(rows, 100):
+            one.feed(Session(1), part)
+            while one.ready():
+                updates.append(one.update())
+            if one._opening is not None:
+                one._opening.join()
+    return one, rows[: one.samples], updates
+
+
+def test_a_bank_goes_on_as_if_it_had_never_stopped():
+    rows, x = rows_of(6)
+    model = build_model(SPEC)
+    z = model.from_prior_coordinates(np.log([[TRUTH[n] for n in model.priors.names]]))
+    bank = Bank(model, ACTUATOR, z)
+    steps = np.full(len(rows), 1 / RATE)
+    steps[0] = 0.0
+    parts = np.array_split(np.arange(len(rows)), 7)
+    out = np.concatenate([bank.advance(steps[i], rows[i, 1], rows[i, 1]) for i in parts], axis=1)
+    assert np.allclose(out[0], x, rtol=0, atol=1e-13)
+
+
+def test_the_posterior_is_that_of_every_reading_simulated(followed):
+    one, rows, _ = followed
+    q = one.draws(150)
+    with threadpool_limits(1):
+        d = exact_log_likelihood(one, rows, q) - one.posterior.log_likelihood(q)
+    d -= d.mean()
+    assert d.std() < 0.2
+    weight = np.exp(d) / np.exp(d).sum()
+    mean = weight @ q
+    sd = np.sqrt(weight @ (q - mean) ** 2)
+    assert np.max(np.abs(q.mean(axis=0) - mean) / sd) < 0.1
+    assert np.max(np.abs(q.std(axis=0) / sd - 1)) < 0.05
+
+
+def test_the_truth_is_found_and_no_alarm_is_raised(followed):
+    one, _, updates = followed
+    for name, value in TRUTH.items():
+        p = one.latest[name]
+        assert abs(p["mean"] - value) < 4 * p["sd"], name
+    assert one.latest["R_s_ohm"]["sd"] < 0.03 * TRUTH["R_s_ohm"]
+    assert [a for u in updates for a in u.alarms] == []
+    assert one.notes() == []
+
+
+def test_what_an_update_works_on_does_not_grow(followed):
+    one, _, _ = followed
+    a = one.approximation()
+    assert a["terms"] == one.design.size == one._width
+    assert a["error_nats"] < 0.2
+    assert a["largest_error_m"] < 0.15e-6  # a resolution step of the sensor
+    sums = next(iter(one._sessions.values()))
+    assert len(sums.first) == one.basis.size + one._width + 3
+    assert one.posterior.groups[0].columns.shape[1] < 40
+    assert one.design.history is None or sum(h[0].size for h in one.design.history) * a["plants"] <= 1e7
+
+
+def test_the_next_experiment_of_a_curved_model_is_chosen_too(followed):
+    one, _, _ = followed
+    before = one.design.bank.W.copy()
+    with threadpool_limits(1):
+        choice = choose(one.snapshot(), limits_of_stream(ACTUATOR, 1200.0, RATE, 2.0), (), one.latest, 40.0, 1, 4)
+    assert choice.nats > 0.05
+    assert np.array_equal(one.design.bank.W, before)  # looking ahead moves nothing
+
+
+def test_more_than_this_is_refused_with_the_way_out(tmp_path):
+    for spec in ("hooke+gm1+acquisition_delay", "hooke+gm1+inertia", "yeoh+gkv2", "pz3+series_resistance"):
+        with pytest.raises(InputError, match=r"cannot be followed live.*calibrate"):
+            check_curved(build_model(spec))
+    with pytest.raises(InputError, match="begins with a calibration of its own"):
+        make_learner(build_model("yeoh+gm1"), BENCH, 1, SETTINGS, tmp_path)
