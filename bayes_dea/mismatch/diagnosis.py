@@ -164,7 +164,8 @@ def _once(
     r_map, r_name, r_look = np.random.default_rng(seed).spawn(3)
     say("reading noise", 0, 1, campaign.name)
     limit = sensor_limit(campaign)
-    assembled = assemble(campaign if limit is None else cut_out(campaign, limit), model, s.workers)
+    usable = campaign if limit is None else cut_out(campaign, limit)
+    assembled = assemble(usable, model, s.workers, lambda *at: say("reading noise", *at))
     lap("assemble")
     say("fitting", 0, 1, model.name)
     found, posterior = find_map(
@@ -174,6 +175,7 @@ def _once(
         r_map,
         s.map,
         assembled.refresh if assembled.has_blocks else None,
+        report=lambda *at: say("fitting", *at),
     )
     lap("map")
     pieces = reduce_campaign(assembled)
@@ -251,7 +253,12 @@ def _once(
     proof, how = _proof(base, corrected, scored, prior, clip, in_turn)
     against = None
     if verdict != UNKNOWN and naming.best.adequate:
-        against = second_look.contradiction(corrected, seen.pieces, prior, limit, r_look)
+        # of what explains the recordings, claimed or not: a shift of less than a sample is part of it
+        explained = best.weighed.fit
+        by_name = {p.name: p for p in seen.pieces}
+        explained = replace(explained, problem=replace(
+            explained.problem, pieces=tuple(by_name[p.name] for p in explained.problem.pieces)))
+        against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
     lap("prove")
     say("asking", 0, 1, "the next experiment")
     members = indistinguishable(verdict, raw)

@@ -6,6 +6,7 @@ else is cheap, or follows from these to the last digit.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Mapping
@@ -14,14 +15,20 @@ from typing import IO, Any
 
 import numpy as np
 
+from ..results import unwritable
+
 
 class Journal:
     """Values by key, in the file `path` or (None) nowhere."""
 
     def __init__(self, path: Path | None = None) -> None:
-        """What is in the file already is known; a line that was cut off ends it. Raises OSError."""
+        """What is in the file already is known; a line that was cut off ends it.
+
+        Raises OSError where it cannot be read, BayesDEAError where it cannot be written.
+        """
         self._known: dict[str, Any] = {}
         self._file: IO[str] | None = None
+        self._path = path
         if path is None:
             return
         whole = 0
@@ -36,7 +43,10 @@ class Journal:
                     break
                 self._known[key] = value
                 whole += len(line)
-        self._file = path.open("r+" if path.exists() else "w", encoding="utf-8")
+        try:
+            self._file = path.open("r+" if path.exists() else "w", encoding="utf-8")
+        except OSError as error:
+            raise unwritable(path, error) from error
         self._file.truncate(whole)
         self._file.seek(whole)
 
@@ -52,19 +62,24 @@ class Journal:
         return self._known[key]
 
     def put(self, key: str, value: Any) -> None:
-        """Add a value of plain types. Raises OSError where the file cannot be written."""
-        if self._file is None:
+        """Add a value of plain types. Raises BayesDEAError where the file cannot be written."""
+        if self._file is None or self._path is None:
             return
         self._known[key] = value
         # numbers keep all their digits in JSON; what is not finite is read again by the same reader
-        self._file.write(json.dumps([key, value]) + "\n")
-        self._file.flush()
+        try:
+            self._file.write(json.dumps([key, value]) + "\n")
+            self._file.flush()
+        except OSError as error:
+            with contextlib.suppress(OSError):  # it would write the rest of the line once more
+                self.close()
+            raise unwritable(self._path, error) from error
 
     def close(self) -> None:
         """No more is kept."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
 
 
 def digest(*parts: Any) -> str:
