@@ -27,7 +27,7 @@ from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
 #: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
-_EFFECT_BYTES, _MENTIONED_BYTES = 150, 1e9
+_EFFECT_BYTES, _MENTIONED_BYTES = 60, 1e9
 #: the slack before contact, as a share of the stack height: centre and sd of its prior
 _SLACK_SHARE = 0.02
 

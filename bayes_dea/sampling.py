@@ -155,7 +155,10 @@ def _sampled(
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()
     try:
-        log_evidence, se = bridge_log_evidence(density, result.chains, r_evidence, proposal=proposal)
+        log_evidence, se = bridge_log_evidence(
+            density, result.chains, r_evidence, proposal=proposal,
+            report=lambda done, of: say("evidence", done, of, "bridge sampling"),
+        )  # fmt: skip
     except InputError as error:
         log_evidence = se = float("nan")
         notes = (f"The evidence could not be estimated ({error}): run the sampler longer (--max-steps).",)

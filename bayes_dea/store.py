@@ -10,6 +10,7 @@ counts and bands of the same blocks; `..__page`, bytes: samples near edges and s
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 CALIBRATION_FILE = "calibration.json"
 POSTERIOR_FILE = "posterior.nc"
 REPORT_FILE = "report.html"
+
+#: called with (done, of, text)
+Report = Callable[[float, float, str], None]
 
 
 def variable_name(recording: str) -> str:
@@ -110,8 +114,8 @@ def inference_data(calibration: Calibration) -> Any:
     return data
 
 
-def netcdf_bytes(data: Any) -> bytes:
-    """InferenceData as the content of a netCDF file.
+def netcdf_bytes(data: Any, report: Report | None = None) -> bytes:
+    """InferenceData as the content of a netCDF file. report: called with (bytes done, of how many, group).
 
     Made in memory: where the disk is full, HDF5 goes on failing as it closes its file and takes the process along.
     """
@@ -119,17 +123,24 @@ def netcdf_bytes(data: Any) -> bytes:
     from xarray.backends.h5netcdf_ import H5NetCDFStore
 
     buffer = io.BytesIO()
+    done, whole = 0, max(sum(dataset.nbytes for _, dataset in data.items()), 1)
     with h5netcdf.File(buffer, "w") as file:
         for name, dataset in data.items():
             numbers = [v for v, values in dataset.variables.items() if values.dtype.kind in "iufb"]
             dataset.dump_to_store(H5NetCDFStore(file.create_group(name)), encoding={v: {"zlib": True} for v in numbers})
+            done += dataset.nbytes
+            if report is not None:
+                report(done, whole, name)
     return buffer.getvalue()
 
 
-def save_calibration(calibration: Calibration, out: Path, report: bool = True) -> Path:
-    """Write posterior.nc, calibration.json and report.html; JSON comes after what it describes."""
+def save_calibration(calibration: Calibration, out: Path, report: bool = True, tell: Report | None = None) -> Path:
+    """Write posterior.nc, calibration.json and report.html; JSON comes after what it describes.
+
+    tell: called with (bytes done, of how many, group) as the posterior is written.
+    """
     data = inference_data(calibration)
-    write_bytes(out / POSTERIOR_FILE, netcdf_bytes(data))
+    write_bytes(out / POSTERIOR_FILE, netcdf_bytes(data, tell))
     write_json(out / CALIBRATION_FILE, calibration.summary)
     if report:
         from .report.page import write_report

@@ -119,6 +119,51 @@ def test_a_small_file_system(tiny, undisturbed, run, small_disk, fits):
     assert_same(out, undisturbed)
 
 
+@pytest.mark.parametrize("fits", ["nothing", "half of what is kept to go on from"])
+def test_a_small_file_system_for_a_diagnosis(tiny, run, small_disk, tmp_path, fits):
+    out = small_disk(20 if fits == "nothing" else 60)
+    files = ["diagnosis.json", "diagnosis.npz", "report.html"]
+    for name in files:
+        (out / name).write_bytes(b"earlier")
+    words = ["diagnose", tiny, "--model", "hooke", "--workers", 1, "--quiet"]
+    status, said = run(*words, "--out", out)
+    assert status == 1
+    assert_one_message(said, out)
+    assert [(out / name).read_bytes() for name in files] == [b"earlier"] * 3
+    if fits == "nothing":
+        return
+    small_disk(4_000)
+    assert run(*words, "--out", out, "--resume") == (0, "")
+    assert run(*words, "--out", tmp_path / "undisturbed") == (0, "")
+    here, there = (json.loads((folder / files[0]).read_text(encoding="utf-8")) for folder in
+                   (out, tmp_path / "undisturbed"))
+    assert all(here[k] == there[k] for k in there if k not in ("seconds", "seconds_by", "command"))
+
+
+@pytest.mark.parametrize(("verb", "files", "room"), [
+    ("predict", ["prediction.csv", "prediction.json", "report.html"], 200),
+    ("export", ["model.csv", "model.json"], 16),
+])
+def test_a_small_file_system_for_what_a_calibration_gives(undisturbed, run, small_disk, tmp_path, verb, files, room):
+    time_s = 1e-3 * np.arange(3000)
+    signal = tmp_path / "signal.csv"
+    np.savetxt(signal, np.column_stack([time_s, 500 + 300 * np.sin(time_s)]), delimiter=",",
+               header="time_s,voltage_V", comments="")
+    out = small_disk(room)
+    for name in files:
+        (out / name).write_bytes(b"earlier")
+    asked = ["--signal", signal] if verb == "predict" else ["--to", "csv"]
+    words = [verb, undisturbed, "--out", out, "--quiet", *asked]
+    status, said = run(*words)
+    assert status == 1
+    assert_one_message(said, out)
+    assert [(out / name).read_bytes() for name in files] == [b"earlier"] * len(files)
+    assert not list(out.glob(".part-*"))
+    small_disk(4_000)
+    assert run(*words) == (0, "")
+    assert not [name for name in files if (out / name).read_bytes() == b"earlier"]
+
+
 def test_a_small_file_system_for_the_bench(run, small_disk):
     out = small_disk(100)
     status, said = run("bench", "--preset", "small", "--out", out)

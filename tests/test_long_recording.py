@@ -273,7 +273,7 @@ def test_a_model_with_effects_says_what_it_needs():
     model, said = build_model("hooke+gm1+sensor_lag"), []
     _check_room(recordings(1_000_000), model, said)
     assert not said
-    _check_room(recordings(8_000_000), model, said)
+    _check_room(recordings(20_000_000), model, said)
     assert len(said) == 1
     assert "long.csv: hooke+gm1+sensor_lag has effects" in said[0]
     assert "about 1.2 GB" in said[0]

@@ -418,6 +418,32 @@ def test_what_the_page_says(tmp_path: Path):
     assert html.count('<span class="out differ">differs</span>') == 1 + 3  # meaning, and each entry that is in no grid
 
 
+def test_articles_come_in_the_order_of_the_paper():
+    from bayes_dea.report.paper_page import _place
+
+    order = ["Eqs. (1) and (4)", "Section III.C", "Figure 6", "Section IV.A", "Table SIV", "Figure 7", "Table SVI",
+             "Figure 8", "Table SVII", "Figure 9", "Table SVIII", "Figure 12", "Section IV.C", "Figure 13",
+             "Figure 16", "Figures 13 to 16", "Table II", "Section V", "Section VI", "Item 3", "Next experiment"]
+    places = [_place(n) for n in order]
+    assert places == sorted(places)
+    assert len(set(places)) == len(places)
+    assert _place("Item 1") == _place("Item 35")
+
+
+def test_what_sections_stand_on_is_in_their_key(monkeypatch: pytest.MonkeyPatch):
+    before = kept.key_of("static", 1, None)
+    assert kept.key_of("static", 1, None) == before != kept.key_of("static", 2, None)
+    monkeypatch.setattr(kept, "_below", lambda: "another version of models/")
+    assert kept.key_of("static", 1, None) != before
+
+
+def test_texts_are_written_with_signs():
+    from bayes_dea.report.paper_page import _words
+
+    assert _words("1.450e-4 m2, up to 1e4 Pa s") == "1.450×10⁻⁴ m², up to 10⁴\u00a0Pa s"
+    assert _words("R^2 from -0.61 to 0.97 at 5 um") == "R² from −0.61 to 0.97 at 5\u00a0µm"
+
+
 def test_a_folder_without_sections_cannot_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
     (tmp_path / "paper.json").write_text('{"sections": [{"name": "static"}]}', encoding="utf-8")
     assert run_here(monkeypatch, "report", str(tmp_path)) == 2

@@ -8,9 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayes_dea.comparison.integrate import IntegralSettings, integrate
+from bayes_dea.models.model import build_model
 from bayes_dea.models.static import law, stress
+from bayes_dea.paper import compression_posterior
 from bayes_dea.paper.compression_fit import fit_law, log_bayes_factor
-from bayes_dea.paper.compression_record import clean_record, residual_set, third_cycle, with_noise
+from bayes_dea.paper.compression_held_out import foretell_third
+from bayes_dea.paper.compression_ogden import ogden_start
+from bayes_dea.paper.compression_record import clean_record, compression_cycle, residual_set, third_cycle, with_noise
 from bayes_dea.paper.misprint_kelvin import printed_polynomials, true_polynomials
 from bayes_dea.paper.misprint_state import rebuilt
 from bayes_dea.paper.printed import printed
@@ -34,8 +39,18 @@ def decided() -> Section:
 
 @pytest.fixture(scope="module")
 def statics() -> Section:
-    """The whole part on static laws, once."""
-    return static.run(_task())
+    """The whole part on static laws, once: posteriors by one round of weights, Ogden's without its walkers."""
+
+    def one_round(density, x, covariance, rng):
+        return integrate(density, x, covariance, rng, IntegralSettings(rounds=1, last_resort="none"))
+
+    def no_walk(law, fitted, rng):
+        return compression_posterior._summary(law, fitted, fitted.x + np.zeros((9, 1)), np.nan, "walkers", False, 9.0)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compression_posterior, "integrate", one_round)
+        patch.setattr(compression_posterior, "_walked", no_walk)
+        return static.run(_task())
 
 
 # --- the printed numbers -----------------------------------------------------------------------------------------
@@ -221,6 +236,49 @@ def test_static_part_can_be_written_and_drawn(statics: Section) -> None:
         assert draw(p.picture, statics.data[p.picture]) is not None
         assert "nan" not in p.text
     assert draw("unknown", {}) is None
+
+
+def test_every_law_has_a_posterior_and_gent_has_a_limit(statics: Section) -> None:
+    rows = {e.entry: e for e in statics.entries if e.where == "Table SIV"}
+    for title, names in (("Hookean", ["Y"]), ("Gent", ["mu_", "J_lim"]), ("Mooney-Rivlin", ["C_1", "C_2"]),
+                         ("Ogden", ["mu_1", "mu_2", "mu_3", "alpha_1", "alpha_2", "alpha_3"])):  # fmt: skip
+        for name in names:
+            found = [e for k, e in rows.items() if k.startswith(f"{title} {name.rstrip('_')}, posterior")]
+            assert len(found) == 1, (title, name)
+            assert found[0].ours_sd is not None
+    # the printed law has no limit: a finite one is another law, not an agreement
+    assert rows["Gent J_lim, least squares"].agrees is False
+    assert rows["Gent J_lim, posterior"].agrees is False
+
+
+def test_a_held_out_cycle_tells_laws_apart_only_where_they_differ() -> None:
+    rng = np.random.default_rng(3)
+    short, long = (foretell_third(PAPER, end, rng, 20.0) for end in (0.03, 0.2))
+    assert abs(short.difference) < 3.0 * short.se
+    assert long.difference > 3.0 * long.se > 0.0
+    assert long.strain[-1] == pytest.approx(0.2, abs=0.01)
+    assert long.per_row.size == long.strain.size
+
+
+def test_cycles_are_cut_by_their_number() -> None:
+    travel = 1e-3
+    r = clean_record(PAPER, travel, 10.0)
+    second, third = (compression_cycle(r, PAPER, travel, n) for n in (2, 3))
+    assert second.strain.max() == pytest.approx(third.strain.max(), rel=0.01)
+    assert second.time_s.max() <= 200.0 + 1e-9
+    assert np.array_equal(third.stress_Pa, third_cycle(r, PAPER, travel).stress_Pa)
+
+
+def test_ogden_is_found_inside_its_prior() -> None:
+    e = np.linspace(0.0, 0.24, 400)
+    y = stress(law("yeoh"), PAPER.static["yeoh"].used, e)
+    model = build_model("ogden+gm2")
+    at = ogden_start(model, e, y, 200.0, np.random.default_rng(1))
+    values = {p.name: np.exp(x) if p.prior.is_log else x for p, x in zip(model.priors.free, at, strict=False)}
+    left = y - stress(law("ogden"), [values[n] for n in law("ogden").parameter_names], e)
+    assert 1.0 - np.var(left) / np.var(y) > 0.999
+    with pytest.raises(ValueError, match="first of the model"):
+        ogden_start(build_model("yeoh+gm2"), e, y, 200.0, np.random.default_rng(1))
 
 
 # --- relaxation --------------------------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def calibrate(
     from ..models.model import build_model
     from ..report.summary import terminal_summary
     from ..run_state import checkpoint_for, finished
-    from ..store import CALIBRATION_FILE, REPORT_FILE
+    from ..store import CALIBRATION_FILE, REPORT_FILE, save_calibration
 
     with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
@@ -92,7 +92,7 @@ def calibrate(
                 result = run(loaded, structure, seed, settings, report=report, checkpoint=checkpoint)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("writing results", 0, 1, str(out))
-            result.save(out, report=False)
+            save_calibration(result, out, report=False, tell=lambda *at: report("writing results", *at))
             from ..report.page import write_report  # matplotlib, after the work
 
             write_report(out, report=lambda *at: report("drawing the page", *at))

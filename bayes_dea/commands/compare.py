@@ -66,6 +66,8 @@ def compare(
     from ..comparison.run import compare as run
     from ..comparison.store import COMPARISON_FILE, REPORT_FILE, terminal_summary
     from ..errors import InputError
+    from ..report.comparison_page import write_comparison_page
+    from ..results import write_json
     from ..run_state import finished
 
     if resume and anew:
@@ -81,6 +83,7 @@ def compare(
             result = run(loaded, models, seed, settings, given, report, checkpoints=out, anew=anew)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
-            result.save(out)
+            write_json(out / COMPARISON_FILE, result.summary)
+            write_comparison_page(out, lambda *at: report("drawing the page", *at))
             finished(out)
     conclude(quiet, json_output, out / COMPARISON_FILE, terminal_summary(result.summary), out / REPORT_FILE)

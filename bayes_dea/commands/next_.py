@@ -81,6 +81,7 @@ def next_(
     from ..design.store import NEXT_FILE, REPORT_FILE, terminal_summary
     from ..errors import InputError
     from ..experiments.costs import Costs, read_costs
+    from ..report.next_page import write_next_page
     from ..run_state import finished
 
     if resume and anew:
@@ -104,6 +105,7 @@ def next_(
                          anew=anew)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
-            result.save(out)
+            result.save(out, report=False)
+            write_next_page(out, lambda *at: report("drawing the page", *at))
             finished(out)
     conclude(quiet, json_output, out / NEXT_FILE, terminal_summary(result.summary), out / REPORT_FILE)

@@ -59,16 +59,15 @@ def predict(
         raise InputError(f"--out {target}: is the calibration's own folder, whose report.html would be lost; choose "
                          "another")
     with progress(quiet) as report:
-        report("reading the calibration", 0, 1, str(calibration))
         options = {"draws": draws, "seed": seed, "specimen": specimen, "data_root": data_root,
                    "workers": threads(workers), "report": report}
         given = signal if signal is not None else wanted
         assert given is not None
         result = (answer if signal is not None else command_for)(calibration, given, **options)  # type: ignore[arg-type]
         result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
-        report("writing the results", 0, 1, str(target))
+        report("writing", 0, 1, str(target))
         with writing(target):
-            result.save(target)
+            result.save(target, tell=report)
     text = terminal_summary(result.summary)
     if wanted is not None:
         text += f"\n\nCommand: {target / COMMAND_FILE}"

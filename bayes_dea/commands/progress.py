@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import os
 import signal
 import sys
@@ -75,12 +76,22 @@ def duration(seconds: float) -> str:
 @contextlib.contextmanager
 def _bar() -> Iterator[Report]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.table import Column
+    from rich.text import Text
+
+    class Left(TimeRemainingColumn):
+        """Remaining time; after the first report of a phase, when there is no speed yet, as its elapsed time has it."""
+
+        def render(self, task: Task) -> Text:
+            if task.time_remaining is not None or not task.total or not task.completed:
+                return super().render(task)
+            left = (task.elapsed or 0.0) * (task.total - task.completed) / task.completed
+            return Text(str(datetime.timedelta(seconds=round(left))), style="progress.remaining")
 
     # one line of a terminal of 80 columns; what does not fit is cut rather than wrapped
     bar = Progress(TextColumn("{task.description}", table_column=Column(width=18, no_wrap=True)), BarColumn(12),
-                   TimeElapsedColumn(), TimeRemainingColumn(),
+                   TimeElapsedColumn(), Left(),
                    TextColumn("{task.fields[text]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
                    console=Console(stderr=True), transient=True, expand=True)
     tasks: dict[str, Any] = {}

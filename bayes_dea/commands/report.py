@@ -32,9 +32,9 @@ def report(
     pages: dict[str, Callable[[Callable[[float, float, str], None]], Path]] = {
         "calibration.json": lambda say: write_report(folder, interactive=not static, report=say),
         "diagnosis.json": lambda say: write_diagnosis_page(folder, say),
-        "comparison.json": lambda _: write_comparison_page(folder),
-        "next.json": lambda _: write_next_page(folder),
-        "paper.json": lambda _: write_paper_page(folder),
+        "comparison.json": lambda say: write_comparison_page(folder, say),
+        "next.json": lambda say: write_next_page(folder, say),
+        "paper.json": lambda say: write_paper_page(folder, say),
     }
     kind = next((name for name in pages if (folder / name).is_file()), "calibration.json")
     with progress(quiet) as say:

@@ -16,6 +16,8 @@ from bayes_dea.fit.mixture import Mixture, fit_mixture
 
 Array = NDArray[np.float64]
 LogProb = Callable[[Array], Array]
+#: points whose density is asked for at once
+_AT_ONCE = 1000
 
 
 def laplace_log_evidence(log_post_max: float, hessian: ArrayLike) -> float:
@@ -63,6 +65,7 @@ def bridge_log_evidence(
     rng: np.random.Generator,
     settings: BridgeSettings | None = None,
     proposal: Mixture | None = None,
+    report: Callable[[int, int], None] = lambda done, of: None,
 ) -> tuple[float, float]:
     """Log evidence and its standard error by iterative bridge sampling (Meng & Wong 1996).
 
@@ -73,8 +76,8 @@ def bridge_log_evidence(
     halves change places and the two estimates are averaged (with a proposal given, all draws are bridged).
     The standard error is Fruehwirth-Schnatter's (2004, doi:10.1111/j.1368-423X.2004.00125.x), with the
     autocorrelation of the bridge function itself along the steps, and not less than half the difference
-    of the two estimates. Raises InputError when there are too few draws, and when the proposal and the
-    posterior hardly overlap.
+    of the two estimates. report: called with (densities evaluated, of how many). Raises InputError when
+    there are too few draws, and when the proposal and the posterior hardly overlap.
     """
     s = settings or BridgeSettings()
     x = np.asarray(draws, float)
@@ -86,15 +89,33 @@ def bridge_log_evidence(
     x = x[:, :: min(every, x.shape[1] // 8)]
     half = x.shape[1] // 2
     early, late = x[:, :half], x[:, half : 2 * half]
+    bridged_draws = x[..., 0].size if proposal is not None else 2 * early[..., 0].size
+    counted = _counted(log_prob, bridged_draws * (4 if s.warp else 2), report)
     if proposal is not None:
-        return _bridge(log_prob, x, proposal, rng, s)
+        return _bridge(counted, x, proposal, rng, s)
     parts = []
     for fit_to, bridged in ((early, late), (late, early)):
-        parts.append(_bridge(log_prob, bridged, fit_mixture(fit_to.reshape(-1, x.shape[-1]), rng), rng, s))
+        parts.append(_bridge(counted, bridged, fit_mixture(fit_to.reshape(-1, x.shape[-1]), rng), rng, s))
     (one, se_one), (two, se_two) = parts
     # The two share their draws crosswise; taking them as wholly dependent errs on the safe side by sqrt 2
     # at most.
     return 0.5 * (one + two), float(max(0.5 * (se_one + se_two), 0.5 * abs(one - two)))
+
+
+def _counted(log_prob: LogProb, of: int, report: Callable[[int, int], None]) -> LogProb:
+    """The same density, worked out some points at a time and counted."""
+    done = 0
+
+    def some(points: Array) -> Array:
+        nonlocal done
+        values = []
+        for start in range(0, len(points), _AT_ONCE):
+            values.append(np.asarray(log_prob(points[start : start + _AT_ONCE]), float))
+            done += len(values[-1])
+            report(done, of)
+        return np.concatenate(values)
+
+    return some
 
 
 def _bridge(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..campaign.scratch import PIECE, pieces
 from ..forward import imposed_position, memory
 from ..models.model import Model
 from ..models.nodes import Nodes, make_nodes, past_nodes
@@ -31,21 +32,31 @@ COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
 
 def averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
     """Matrix (blocks, nodes): straight lines between nodes, averaged over the observed rows of each block."""
-    counts = (blocks.stop - blocks.start).astype(np.int64)
-    block = np.repeat(np.arange(blocks.n), counts)
-    within = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-    rows = within + np.repeat(blocks.start, counts)
-    keep = observed[rows]
-    block, rows = block[keep], rows[keep]
-    left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
-    t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
-    w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
-    share = 1.0 / np.bincount(block, minlength=blocks.n)[block]
-    matrix = csr_matrix(
-        (np.concatenate([(1.0 - w) * share, w * share]), (np.tile(block, 2), np.concatenate([left, left + 1]))),
-        shape=(blocks.n, nodes.row.size),
-    )
-    matrix.sum_duplicates()
+    ends = np.cumsum(blocks.stop - blocks.start)  # among the rows of all blocks, one after another
+    first = blocks.start - np.concatenate([[0], ends[:-1]])
+    seen = np.zeros(blocks.n)
+
+    def rows_of(part: slice) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Blocks and rows of a part of the rows of all blocks, of those observed."""
+        at = np.arange(part.start, part.stop)
+        block = np.searchsorted(ends, at, side="right")
+        rows = at + first[block]
+        keep = observed[rows]
+        return block[keep], rows[keep]
+
+    total = int(np.sum(blocks.stop - blocks.start))
+    for part in pieces(total, PIECE):
+        seen += np.bincount(rows_of(part)[0], minlength=blocks.n)
+    matrix = csr_matrix((blocks.n, nodes.row.size))
+    for part in pieces(total, PIECE):
+        block, rows = rows_of(part)
+        left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
+        t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
+        w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
+        share = 1.0 / seen[block]
+        shares = np.concatenate([(1.0 - w) * share, w * share])
+        places = np.tile(block, 2), np.concatenate([left, left + 1])
+        matrix = matrix + csr_matrix((shares, places), shape=matrix.shape)
     matrix.eliminate_zeros()
     return matrix
 

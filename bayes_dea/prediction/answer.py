@@ -15,6 +15,7 @@ from .. import __version__
 from ..campaign.schema import HOLDS, Recording
 from ..campaign.settings import choice
 from ..errors import InputError
+from ..store import CALIBRATION_FILE, POSTERIOR_FILE
 from .bands import LEVELS, Reading, bands
 from .calibrated import Calibrated, open_calibration
 from .limits import check_units, seen_by, warnings_of
@@ -53,9 +54,30 @@ def predict(
     calibration, a signal that cannot be read, geometry that is missing, or more draws than there are.
     """
     began = time.perf_counter()
-    c = open_calibration(calibration)
-    given = read_signal(signal, data_root=data_root)
+    c, given = read_both(calibration, signal, lambda: read_signal(signal, data_root=data_root), report)
     return answer(c, given, draws, seed, specimen, hold, workers, report, began)
+
+
+def read_both(
+    calibration: Path | str | Calibration | Calibrated,
+    given: Path | str | Mapping[str, ArrayLike],
+    read: Callable[[], Signal],
+    report: Report | None,
+) -> tuple[Calibrated, Signal]:
+    """The calibration, and what `read` makes of `given`; how far it is goes by the bytes of their files."""
+    say = report or (lambda *_: None)
+    first = sum(_bytes(calibration, name) for name in (CALIBRATION_FILE, POSTERIOR_FILE))
+    second = _bytes(given)
+    say("reading", 0, 1, str(calibration))
+    c = open_calibration(calibration)
+    say("reading", first, max(first + second, 1), str(given) if second else "")
+    return c, read()
+
+
+def _bytes(given: object, name: str = "") -> int:
+    """Size of a file, or of the one of that name in a folder; 0 for what is in memory or cannot be found."""
+    path = Path(given, name) if isinstance(given, (str, Path)) else None
+    return path.stat().st_size if path is not None and path.is_file() else 0
 
 
 def as_recording(c: Calibrated, given: Signal, specimen: str, hold: str | None) -> Recording:

@@ -17,9 +17,9 @@ from ..forward import row_durations
 from ..models.chain import materials
 from ..models.electrostatics import stress_factor, stroke_factor, voltage_drive
 from ..models.lags import simulate_modes
-from .answer import DRAWS, Report, answer, as_recording, simulators_for
+from .answer import DRAWS, Report, answer, as_recording, read_both, simulators_for
 from .bands import CHUNK, stretch
-from .calibrated import Calibrated, open_calibration
+from .calibrated import Calibrated
 from .follow import follow
 from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, invert_linear, invert_material
 from .limits import check_units, seen_by
@@ -71,8 +71,9 @@ def command_for(
     """
     began = time.perf_counter()
     say = report or (lambda *_: None)
-    c = open_calibration(calibration)
-    wish = read_signal(wanted, ("displacement_m",), "--wanted", data_root)
+    c, wish = read_both(
+        calibration, wanted, lambda: read_signal(wanted, ("displacement_m",), "--wanted", data_root), report
+    )
     name = c.specimen(specimen)
     actuator = c.actuator(name)
     seen = seen_by(c.recordings(name, "displacement"))
@@ -163,7 +164,7 @@ def _invert(
     workers: int,
     tell: Callable[[float, float], None],
 ) -> Inverted:
-    """The command for a wish (n,) m; tell: called with (rounds done, rounds at most) where it takes several."""
+    """The command for a wish (n,) m; tell: called with (done, of) where it takes several rounds, `of` the most."""
     model = c.structure.model
     stroke, factor = stroke_factor(recording.actuator), stress_factor(recording.actuator)
     held = replace(recording, hold="linear" if recording.hold == "linear" else "end")
@@ -181,7 +182,7 @@ def _invert(
             return invert_linear(time_s, drive, factor, network, wish, limits)
         _, middle, T_middle = model.modes(z.mean(axis=0)[None])
         smooth = follow(
-            time_s, drive, factor, network[1:], (middle[0], T_middle[0]), wish, limits, resolution_of(c) / stroke
+            time_s, drive, factor, network[1:], (middle[0], T_middle[0]), wish, limits, resolution_of(c) / stroke, tell
         )
         fastest = T.min(axis=1, keepdims=True)
         slow = np.argsort(T, axis=1)[:, 1:]
@@ -203,10 +204,14 @@ def _invert(
     h = row_durations(drive)
     goal = wish.copy()
     for number in range(_ROUNDS):
-        tell(number, _ROUNDS)
         found = invert_material(time_s, drive, h, factor, material, goal, limits)
         columns = {**recording.columns, "voltage_V": _as_commanded(found.voltage, recording.hold)}
-        mean = _mean(c, replace(recording, columns=columns), rows, workers) / stroke
+        commanded = replace(recording, columns=columns)
+
+        def share(done: float, before: int = number) -> None:
+            tell(before + done, _ROUNDS)  # nearly all the time goes into the mean
+
+        mean = _mean(c, commanded, rows, workers, share) / stroke
         miss = np.where(found.flag == MET, wish - mean, 0.0)
         if np.max(np.abs(miss)) * stroke < 0.2 * MET_TO_M:
             break
@@ -215,8 +220,10 @@ def _invert(
     return found
 
 
-def _mean(c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int) -> Array:
-    """Mean (n,) of the draws' answers."""
+def _mean(
+    c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int, tell: Callable[[float], None]
+) -> Array:
+    """Mean (n,) of the draws' answers; tell: called with the share that is done."""
     from concurrent.futures import ThreadPoolExecutor
 
     simulators = simulators_for(c, recording, rows, workers)
@@ -225,6 +232,7 @@ def _mean(c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int) 
         for start in range(0, n, CHUNK):
             stop = min(start + CHUNK, n)
             out[start:stop] = stretch(simulators, start, stop, pool).mean(axis=1)
+            tell(stop / n)
     return out
 
 

@@ -16,6 +16,7 @@ one pass forward and one back over the rows (a Kalman smoother in the form of Br
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba as nb
@@ -37,6 +38,8 @@ _AIMLESS, _FREED = 1e12, 3
 #: V^2 beyond its range by this share of it is cut off without ado
 _SLACK = 1e-7
 _BOUND_ROUNDS, _SPEED_ROUNDS, _MEAN_ROUNDS = 25, 8, 3
+#: solutions in one of the last rounds, before one has been seen
+_USUAL = 6
 #: V^2 beyond its range by this share of it is a leap that cannot be meant
 _FAR = 0.3
 #: weights of rows fall by this at a time where the command is too fast, over so many periods of the highest frequency
@@ -166,12 +169,31 @@ def _means(c, a, wish, held, at, row_of_s, gain, spread, out):
         adjoint[k] = pull
 
 
+class _Count:
+    """How many solutions were found of those to come: each round is taken to need as many as the longest before it."""
+
+    def __init__(self, tell: Callable[[float, float], None]) -> None:
+        self.tell = tell
+        self.solved, self.begun, self.longest, self.left = 0, len(_BENDS), _USUAL, _MEAN_ROUNDS
+
+    def begin(self) -> None:
+        """A round begins."""
+        self.begun, self.left = self.solved, self.left - 1
+
+    def add(self) -> None:
+        """One more was found."""
+        self.solved += 1
+        self.longest = max(self.longest, self.solved - self.begun)
+        rounds = self.left + (self.left < _MEAN_ROUNDS)
+        self.tell(self.solved, self.begun + rounds * self.longest)
+
+
 class _Smoother:
     """The least squares problem of one network; room for its gains is made once."""
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, count: _Count | None = None) -> None:
         n, m = network.a.shape[0], network.a.shape[1] + 2
-        self.network = network
+        self.network, self.count = network, count or _Count(lambda done, of: None)
         self.row_of_s, self.gain, self.spread = np.empty((n, m)), np.empty((n, 2, m)), np.empty((n, 2))
 
     def solve(self, wish: Array, noise: Array, q: float, held: NDArray[np.bool_], at: Array) -> Array:
@@ -180,6 +202,7 @@ class _Smoother:
         c, a = self.network.c, self.network.a
         _gains(c, a, noise, q, held, self.row_of_s, self.gain, self.spread)
         _means(c, a, wish, held, at, self.row_of_s, self.gain, self.spread, out)
+        self.count.add()
         return out
 
     def bounded(self, wish: Array, noise: Array, q: float) -> Array:
@@ -246,22 +269,24 @@ def follow(
     wish: Array,
     limits: Limits,
     tolerance: float,
+    tell: Callable[[float, float], None] = lambda done, of: None,
 ) -> Inverted:
     """Voltages (n,) with which the network follows the strain `wish` (n,) to `tolerance`, as smoothly as that allows.
 
     drive: steps of the rows, held. factor: Pa per V^2. mean: (c, T) of the network that is to follow, the mean of all
     draws with as many lags as they have together; typical: the same in three lags, with which it is inverted (what they
-    differ in is taken off the wish).
+    differ in is taken off the wish). tell: called with (done, of), `of` as far as it can be foreseen.
     """
     top = limits.voltage_V
     scale = factor * top**2 / tolerance
     network = Network(typical[0] * scale, np.exp(-drive.dt[:, None] / typical[1]))
-    smoother = _Smoother(network)
+    smoother = _Smoother(network, count := _Count(tell))
     most = smoother.answer(np.ones(wish.size))
     goal = np.clip(wish / tolerance, 0.0, most)
     reach = _REACH / limits.frequency_Hz if limits.frequency_Hz > 0 else 10.0 * float(np.median(drive.dt[1:]))
     q = _bend(smoother, goal, time_s, reach)
     for _ in range(_MEAN_ROUNDS):
+        count.begin()
         # what no voltage reaches is not aimed at; V^2 far out of its range is a leap of the wish
         goal = np.clip(goal, 0.0, most)
         noise = smoother.softened(goal, q, time_s, reach)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,12 @@ SUMMARY_FILE = "prediction.json"
 PAGE_FILE = "report.html"
 COMMAND_FILE = "command.csv"
 
+#: rows written at once
+_ROWS = 65_536
+
 Array = NDArray[np.float64]
+#: called with (phase, done, of, text)
+Tell = Callable[[str, float, float, str], None]
 
 
 @dataclass(frozen=True)
@@ -73,35 +78,47 @@ class SignalPrediction:
             out[f"reading_q{round(100 * level):02d}_{u}"] = row
         return out
 
-    def save(self, out: str | Path, report: bool = True) -> Path:
-        """Write prediction.csv, prediction.json, report.html and, where a stroke was wanted, command.csv."""
+    def save(self, out: str | Path, report: bool = True, tell: Tell | None = None) -> Path:
+        """Write prediction.csv, prediction.json, report.html and, where a stroke was wanted, command.csv.
+
+        tell: called with (phase, done, of, text) as rows are written and pictures drawn.
+        """
         folder = Path(out)
+        say = tell or (lambda *_: None)
         columns = self.columns
         # a picometre, a nanonewton: finer digits are noise and cost half the file
         digits = {"m": 12, "N": 9}[self.unit]
         if self.wanted is not None:
-            write_table(folder / COMMAND_FILE, {"time_s": self.time_s, self.input: self.values})
+            table = {"time_s": self.time_s, self.input: self.values}
+            write_table(folder / COMMAND_FILE, table, lambda done, of: say("writing", done, of, COMMAND_FILE))
         table = {k: v if k in ("time_s", self.input) else np.round(v, digits) for k, v in columns.items()}
-        write_table(folder / TABLE_FILE, table)
+        write_table(folder / TABLE_FILE, table, lambda done, of: say("writing", done, of, TABLE_FILE))
         write_json(folder / SUMMARY_FILE, self.summary)
         if report:
             from ..report.prediction_page import PredictionView, write_prediction_page
 
             view = PredictionView(self.summary, columns, self.channel, self.unit, self.input)
-            write_prediction_page(folder / PAGE_FILE, view)
+            write_prediction_page(folder / PAGE_FILE, view, lambda *at: say("drawing the page", *at))
         return folder
 
 
-def write_table(path: Path, columns: Mapping[str, Array]) -> None:
-    """Columns (n,) as CSV with a header, atomically; numbers with the shortest text that reads back the same."""
+def write_table(
+    path: Path, columns: Mapping[str, Array], report: Callable[[int, int], None] = lambda done, of: None
+) -> None:
+    """Columns (n,) as CSV with a header, atomically; numbers with the shortest text that reads back the same.
+
+    report: called with (rows written, of how many).
+    """
     import pyarrow as pa
     from pyarrow import csv as pa_csv
 
     def write(temporary: Path) -> None:
         table = pa.table({k: pa.array(np.ascontiguousarray(v)) for k, v in columns.items()})
-        options = pa_csv.WriteOptions(include_header=False, quoting_style="none", batch_size=65536)
+        options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
         with temporary.open("wb") as sink:
             sink.write((",".join(columns) + "\n").encode())  # pyarrow would put the names in quotation marks
-            pa_csv.write_csv(table, sink, write_options=options)
+            for start in range(0, table.num_rows, _ROWS):
+                pa_csv.write_csv(table.slice(start, _ROWS), sink, write_options=options)
+                report(min(start + _ROWS, table.num_rows), table.num_rows)
 
     write_atomic(path, write)

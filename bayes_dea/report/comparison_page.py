@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..results import read_json, write_atomic
-from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture
+from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, Report, drawn, looks, new_figure, picture
 from .templating import environment
 
 _TEMPLATE = "comparison.html.j2"
@@ -20,10 +20,11 @@ _MOST_ROWS = 20
 _LINEAR_NATS = 10.0
 
 
-def write_comparison_page(folder: Path) -> Path:
+def write_comparison_page(folder: Path, report: Report | None = None) -> Path:
     """Draw report.html from comparison.json in `folder` and return its path.
 
-    Raises InputError where that file is missing or not whole.
+    report: called with (done, of, text) as pictures are drawn. Raises InputError where that file is missing or not
+    whole.
     """
     try:
         summary = read_json(folder / "comparison.json")
@@ -31,12 +32,12 @@ def write_comparison_page(folder: Path) -> Path:
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: no whole comparison ({error!r}); run the comparison again") from error
     with looks():
-        pictures = {
-            "ranking": _ranking(ranking),
-            "widths": _widths(ranking),
-            "recordings": _by_recording(summary),
-            "elements": _elements(summary),
-        }
+        pictures = drawn({
+            "ranking": lambda: _ranking(ranking),
+            "widths": lambda: _widths(ranking),
+            "recordings": lambda: _by_recording(summary),
+            "elements": lambda: _elements(summary),
+        }, report)  # fmt: skip
     html = environment().get_template(_TEMPLATE).render(
         s=summary,
         p=pictures,

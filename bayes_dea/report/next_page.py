@@ -11,7 +11,22 @@ import numpy as np
 from ..errors import InputError
 from ..experiments.words import duration, settings_in_words
 from ..results import read_json, write_atomic
-from .style import BAR, BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
+from .style import (
+    BAR,
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    Picture,
+    Report,
+    drawn,
+    looks,
+    new_figure,
+    picture,
+    set_log_x,
+)
 from .templating import environment
 
 _TEMPLATE = "next.html.j2"
@@ -26,10 +41,10 @@ _SHAPES = {
 }  # fmt: skip
 
 
-def write_next_page(folder: Path) -> Path:
+def write_next_page(folder: Path, report: Report | None = None) -> Path:
     """Draw report.html from next.json and the commands in next/ of `folder` and return its path.
 
-    Raises InputError where they are missing or not whole.
+    report: called with (done, of, text) as pictures are drawn. Raises InputError where they are missing or not whole.
     """
     try:
         s = read_json(folder / "next.json")
@@ -39,13 +54,13 @@ def write_next_page(folder: Path) -> Path:
     except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
         raise InputError(f"{folder}: no whole proposal ({error!r}); run next again") from error
     with looks():
-        pictures = {
-            "ranking": _ranking(_best_of_each(ranking)),
-            "map": _map(ranking, planned),
-            "command": _play(command, first),
-            "widths": _widths(s),
-            "probabilities": _probabilities(s),
-        }
+        pictures = drawn({
+            "ranking": lambda: _ranking(_best_of_each(ranking)),
+            "map": lambda: _map(ranking, planned),
+            "command": lambda: _play(command, first),
+            "widths": lambda: _widths(s),
+            "probabilities": lambda: _probabilities(s),
+        }, report)  # fmt: skip
     html = environment().get_template(_TEMPLATE).render(
         s=s,
         p=pictures,
@@ -200,6 +215,9 @@ def _widths(s: dict[str, Any]) -> Picture | None:
     one = 100 * np.array([after["first"][n] for n in names])
     ax.axvline(100, color=GREY, linewidth=0.8)
     ax.hlines(y, one, 100, color=BAR, linewidth=4)
+    ranges = after.get("first_range", {})
+    ends = 100 * np.array([ranges.get(n, (after["first"][n],) * 2) for n in names])
+    ax.hlines(y, *np.minimum(ends, 104).T, color=BLUE, linewidth=1.5)
     ax.plot(one, y, "o", color=BLUE, markersize=5, label="after the first proposal")
     count = len(s["plan"]["experiments"])
     if count > 1:
@@ -213,7 +231,8 @@ def _widths(s: dict[str, Any]) -> Picture | None:
     figure.tight_layout()
     return picture(
         figure,
-        "What is expected to shrink: the interval of each parameter after the experiment, over that of today.",
+        "What is expected to shrink: the interval of each parameter after the experiment, over that of today"
+        + (" (blue lines: from 5 to 95 % of where the truth may be)." if ranges else "."),
         "expected widths of intervals",
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,18 +56,20 @@ class PredictionView:
         return self.columns.get(f"wanted_{self.channel}_{self.unit}")
 
 
-def write_prediction_page(path: Path, view: PredictionView) -> Path:
-    """Draw the page; the file is replaced whole or not at all."""
-    html = render(view)
+def write_prediction_page(path: Path, view: PredictionView, report: style.Report | None = None) -> Path:
+    """Draw the page; the file is replaced whole or not at all. report: called with (done, of, text)."""
+    html = render(view, report)
     write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
     return path
 
 
-def render(view: PredictionView) -> str:
-    """The page as HTML."""
+def render(view: PredictionView, report: style.Report | None = None) -> str:
+    """The page as HTML. report: called with (done, of, text) as pictures are drawn."""
     s = view.summary
     with style.looks():
-        pictures = [overview_picture(view), detail_picture(view), miss_picture(view), width_picture(view)]
+        drawings = {"overview": overview_picture, "detail": detail_picture, "miss": miss_picture,
+                    "width": width_picture}  # fmt: skip
+        pictures = style.drawn({name: partial(draw, view) for name, draw in drawings.items()}, report)
     origin = str(s.get("origin") or "")
     return environment().from_string(_PAGE).render(
         model=s["model"],
@@ -80,7 +83,7 @@ def render(view: PredictionView) -> str:
         sentence=sentence(s),
         level="check" if s["warnings"] else "good",
         warnings=[digits.page_text(str(w)) for w in s["warnings"]],
-        pictures=[p for p in pictures if p is not None],
+        pictures=[p for p in pictures.values() if p is not None],
         rows=_rows(s),
         unmet=_unmet_rows(s),
         more=max(0, int((s.get("wanted") or {}).get("unmet_count") or 0) - 20),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
 import numpy as np
@@ -17,6 +17,10 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: called with (done, of, text) as a page is drawn
+Report = Callable[[float, float, str], None]
+Drawn = TypeVar("Drawn")
 
 # Okabe and Ito's colours, dark and light alternating so that they differ in grey as well
 BLUE, VERMILLION, ORANGE, GREEN, BLACK, GREY = "#0072B2", "#D55E00", "#E69F00", "#009E73", "#1a1a1a", "#8a8a8a"
@@ -86,6 +90,16 @@ def looks() -> Iterator[None]:
 
     with mpl.rc_context(_RC):  # type: ignore[arg-type]
         yield
+
+
+def drawn(drawings: Mapping[str, Callable[[], Drawn]], report: Report | None = None) -> dict[str, Drawn]:
+    """What each of the drawings returns, by name, in their order."""
+    out = {}
+    for done, (name, draw) in enumerate(drawings.items(), start=1):
+        out[name] = draw()
+        if report is not None:
+            report(done, len(drawings), name)
+    return out
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
