@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from .straighten import Straight
+
 Array = NDArray[np.float64]
 LogProb = Callable[[Array], Array]
 
@@ -86,7 +88,7 @@ def _population(
     x = start(n, rng)
     a, b = _quiet(log_a, x), _quiet(log_b, x)
     t, total, count = 0.0, 0.0, n
-    scale = 1.0
+    scale, straight = 1.0, Straight.of(x)
     for _ in range(s.most_stages):
         step = _step(b - a, t, s.keep)
         if not np.isfinite(b).any():
@@ -98,13 +100,36 @@ def _population(
         index = np.minimum(np.searchsorted(np.cumsum(p), (rng.random() + np.arange(n)) / n), n - 1)
         x, a, b = x[index], a[index], b[index]
         done = t >= 1.0 - 1e-12
-        for _ in range(s.last_moves if done else s.moves):
-            x, a, b, accepted = _move(x, a, b, t, log_a, log_b, rng, scale)
+        for k in range(s.last_moves if done else s.moves):
+            # straight lines between particles leave a curved valley: made straight, they follow it
+            if k % 8 == 0:
+                straight = Straight.of(x)
+            y = straight.forward(x)
+            x, a, b, accepted = _move(x, y, straight, a, b, t, log_a, log_b, rng, scale)
             count += n
             scale = float(np.clip(scale * np.exp(accepted - 0.25), 0.05, 2.0))
         if done:
             return total, rng.permutation(x), count
     return float("nan"), x, count
+
+
+def stirred(log_b: LogProb, x: Array, rng: np.random.Generator, particles: int = 400, moves: int = 30) -> Array:
+    """Draws (particles, d) of a density from draws x (n, d) that may not reach its tips, by moves that leave it as is.
+
+    Particles without a density are left out.
+    """
+    x = x[rng.integers(len(x), size=particles)]
+    b = _quiet(log_b, x)
+    x, b = x[np.isfinite(b)], b[np.isfinite(b)]
+    if len(x) < 10 * x.shape[1]:
+        return x
+    scale, straight = 1.0, Straight.of(x)
+    for k in range(moves):
+        if k % 8 == 0:
+            straight = Straight.of(x)
+        x, _, b, accepted = _move(x, straight.forward(x), straight, b, b, 1.0, log_b, log_b, rng, scale)
+        scale = float(np.clip(scale * np.exp(accepted - 0.25), 0.05, 2.0))
+    return x
 
 
 def _step(difference: Array, t: float, keep: float) -> float:
@@ -131,7 +156,8 @@ def _step(difference: Array, t: float, keep: float) -> float:
 
 
 def _move(
-    x: Array, a: Array, b: Array, t: float, log_a: LogProb, log_b: LogProb, rng: np.random.Generator, scale: float
+    x: Array, y: Array, straight: Straight, a: Array, b: Array, t: float, log_a: LogProb, log_b: LogProb,
+    rng: np.random.Generator, scale: float,
 ) -> tuple[Array, Array, Array, float]:
     """Every particle along the difference of two others; one time in ten the whole of it, from place to place."""
     n, d = x.shape
@@ -141,9 +167,13 @@ def _move(
     gamma = np.where(whole, 1.0, scale * 2.38 / np.sqrt(2 * d) * np.exp(0.3 * rng.standard_normal(n)))
     # some moves change a few coordinates alone: in many dimensions a step of all is mostly refused
     mask = (rng.random((n, d)) < rng.choice([0.3, 1.0], n)[:, None]) | whole[:, None]
-    trial = x + gamma[:, None] * (x[first] - x[second]) * mask
-    trial += 1e-5 * x.std(axis=0) * rng.standard_normal((n, d))
-    new_a, new_b = _quiet(log_a, trial), _quiet(log_b, trial)
+    bent = rng.random() < 0.5
+    z = y if bent else x
+    trial = z + gamma[:, None] * (z[first] - z[second]) * mask
+    trial += 1e-5 * z.std(axis=0) * rng.standard_normal((n, d))
+    trial = straight.inverse(trial) if bent else trial
+    new_b = _quiet(log_b, trial)
+    new_a = new_b if t >= 1.0 else _quiet(log_a, trial)
     now = _mixed(a, b, t)
     gain = _mixed(new_a, new_b, t) - now
     ok = np.log(rng.random(n)) < gain

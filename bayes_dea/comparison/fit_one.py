@@ -12,7 +12,7 @@ from ..assemble import Assembled, remove_nuisance
 from ..errors import InputError
 from ..find_map import MapResult, MapSettings, find_map, laplace_covariance
 from ..fit.evidence import laplace_log_evidence
-from ..fit.mixture import Mixture
+from ..fit.mixture import Mixture, joined
 from ..fit.polish import NewtonSettings, polish_newton
 from ..fit.swarm import SwarmSettings
 from ..forward import memory, simulate
@@ -22,7 +22,10 @@ from ..likelihood.posterior import Posterior
 from ..likelihood.prepare import Prepared
 from ..likelihood.remembering import remembering
 from ..models.model import PRIMARY, Model, build_model
+from .climb import climb, first_difference_covariance
 from .integrate import normal_mixture
+from .same import preimages
+from .simulated import Survey, laplace_of, maximum_of, remembered, survey
 
 Array = NDArray[np.float64]
 Say = Callable[[float, float, str], None]
@@ -70,8 +73,8 @@ def fit_one(
     if starts:
         return _from_starts(assembled, model, rng, starts, say)
     if model.spec.effects:
-        found, posterior = _with_effects(assembled, model, rng, search, say)
-    elif linear is not None and not model.is_linear:
+        return simulated_fit(assembled, model, rng, search, say)[0]
+    if linear is not None and not model.is_linear:
         found, posterior = _from_linear(assembled, model, linear)
     else:
         found, posterior = find_map(
@@ -202,18 +205,89 @@ def _start_of(model: Model, linear: Fitted) -> Array:
     return np.concatenate([z, further])
 
 
-def _with_effects(
-    assembled: Assembled, model: Model, rng: np.random.Generator, search: MapSettings, say: Say | None
-) -> tuple[MapResult, Posterior]:
-    """Effects are searched as the diagnosis searches them; what was simulated is remembered."""
+def simulated_fit(
+    assembled: Assembled, model: Model, rng: np.random.Generator, search: MapSettings = SEARCH, say: Say | None = None
+) -> tuple[Fitted, tuple[Survey, ...]]:
+    """Maximum of a model with effects, searched as the diagnosis does, and an emulator around each maximum.
+
+    Second differences of simulations take minutes and drown in their last digits: those of the emulator do not.
+    """
     from ..mismatch.starts import effect_starts
 
-    starts = effect_starts(assembled, model, rng, search)
-    found, posterior = find_map(
-        assembled.posterior, assembled.search_model, list(assembled.search_groups), rng, search,
-        assembled.refresh if assembled.has_blocks else None, starts[:1], say,
+    r_search, r_climb, r_survey, r_laplace = rng.spawn(4)
+    starts = effect_starts(assembled, model, r_search, search)
+    if not starts:
+        found, _ = find_map(
+            assembled.posterior, assembled.search_model, list(assembled.search_groups), r_search, search,
+            assembled.refresh if assembled.has_blocks else None, (), say,
+        )  # fmt: skip
+        starts = [found.x]
+    places = _places(assembled, model, starts, r_climb, say)
+    surveys = []
+    for i, (x, posterior) in enumerate(places):
+        part = None if say is None else lambda a, b, text, i=i: say((i + a / b) / len(places), 1.0, text)
+        surveys.append(survey(posterior, x, assembled.search_groups, r_survey, say=part))
+    maxima = [maximum_of(a, x) for a, (x, _) in zip(surveys, places, strict=True)]
+    at = max(maxima, key=lambda m: m.log_posterior)
+    if not np.isfinite(at.log_posterior):
+        raise InputError(f"{model.name}: has no answer on these recordings anywhere near its prior; check the geometry")
+    posterior = remembered(reference_at(assembled, at.x), *(a.emulation.exact for a in surveys))
+    log_posterior = float(posterior.log_prob(at.x[None])[0])
+    proposal = None
+    if len(maxima) > 1:
+        parts = [normal_mixture(m.x, laplace_covariance(m, posterior, r_laplace)) for m in maxima]
+        proposal = joined(parts, np.full(len(parts), 1.0 / len(parts)))
+    fit = Fitted(
+        model, assembled, posterior, at.x, laplace_covariance(at, posterior, r_laplace), log_posterior,
+        float(posterior.log_likelihood(at.x[None])[0]), laplace_of(at, log_posterior), 1, 1, proposal,
     )  # fmt: skip
-    return found, posterior
+    return fit, tuple(surveys)
+
+
+def _places(
+    assembled: Assembled, model: Model, starts: Sequence[Array], rng: np.random.Generator, say: Say | None
+) -> list[tuple[Array, Posterior]]:
+    """Maxima that differ, the best first, each with the posterior that has its reference there."""
+    value = assembled.posterior.log_prob(np.array(starts))
+    order = [starts[i] for i in np.argsort(-np.where(np.isfinite(value), value, -np.inf)) if np.isfinite(value[i])]
+    if not order:
+        raise InputError(f"{model.name}: has no answer on these recordings anywhere near its prior; check the geometry")
+    order = _distinct([*order, *_relabelled(assembled, model, order[0])], 0.02)
+    out: list[tuple[Array, Posterior, Array]] = []
+    for i, start in enumerate(order):
+        if say is not None:
+            say(i, len(order), "climbing")
+        if i and not np.isfinite(assembled.posterior.log_prob(start[None])[0]):
+            continue
+        x, posterior = climb(start, lambda x: reference_at(assembled, x), rng)
+        sd = np.sqrt(np.diag(first_difference_covariance(posterior, x, rng)))
+        if not any(np.max(np.abs(x - other) / np.minimum(sd, size)) < 1.0 for other, _, size in out):
+            out.append((x, posterior, sd))
+    heights = [float(p.log_prob(x[None])[0]) for x, p, _ in out]
+    best = max(heights)
+    kept = sorted(((h, i) for i, h in enumerate(heights) if h > best - 12.0), reverse=True)
+    return [(out[i][0], out[i][1]) for _, i in kept]
+
+
+def _relabelled(assembled: Assembled, model: Model, start: Array) -> list[Array]:
+    """The same function with another of its branches called the extra one: a maximum of its own."""
+    if "extra_relaxation_mode" not in model.spec.effects or model.spec.elements == 0 or assembled.posterior.own:
+        return []
+    values = {k: np.atleast_1d(v) for k, v in model.physical(start[None, : model.dimension]).items()}
+    out = []
+    for point in preimages(model, model, values):
+        there = model.priors.to_coordinates({name: point[name] for name in model.priors.names})
+        out.append(np.concatenate([model.from_prior_coordinates(there)[0], start[model.dimension :]]))
+    return out
+
+
+def _distinct(points: Sequence[Array], apart: float) -> list[Array]:
+    """Points (d,) without those that are next to an earlier one; coordinates are logarithms."""
+    out: list[Array] = []
+    for x in points:
+        if not any(np.max(np.abs(x - other)) < apart for other in out):
+            out.append(x)
+    return out
 
 
 def linear_partner(model: Model) -> Model | None:

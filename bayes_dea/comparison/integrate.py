@@ -22,12 +22,17 @@ from ..fit.ensemble import EnsembleSettings, sample
 from ..fit.evidence import BridgeSettings, bridge_log_evidence
 from ..fit.importance import importance_resample
 from ..fit.mixture import Mixture, fit_mixture
-from .anneal import anneal
+from .anneal import Annealed, anneal, stirred
+from .straighten import Straight
 
 Array = NDArray[np.float64]
 LogProb = Callable[[Array], Array]
 #: (weight, width) of the normals at the maximum
 _FIRST = ((0.6, 1.0), (0.3, 1.8), (0.1, 4.0))
+#: Pareto k in straightened coordinates that is enough when two rounds agree
+_GOOD_TAIL = 0.6
+#: 84 % quantile of Student's t with three degrees of freedom
+_FEW_POPULATIONS = 1.2
 
 
 @dataclass(frozen=True)
@@ -59,7 +64,7 @@ class Integral:
     se: float
     draws: Array = field(repr=False)
     proposal: Mixture = field(repr=False)
-    method: str  # importance | annealed | bridge
+    method: str  # importance | straightened | annealed | emulated | bridge
     pareto_k: float
     converged: bool
     evaluations: int
@@ -104,14 +109,97 @@ def integrate(
         return best
     if s.last_resort == "none" and best is not None:
         return replace(best, converged=False)
+    if best is not None and len(np.unique(best.draws, axis=0)) > 10 * d:
+        found = straightened(log_prob, best.draws, rng, s, evaluations)
+        if settled(found):
+            return replace(found, converged=True)
+        best, evaluations = min(best, found, key=merit), found.evaluations
     if s.last_resort == "anneal":
         wide = widened(proposal or normal_mixture(x, covariance), best)
         far = anneal(wide.draw, wide.log_density, log_prob, rng)
         if np.isfinite(far.log_ratio):
-            return Integral(far.log_ratio, far.se, far.draws, wide, "annealed", float("nan"), far.settled,
-                            evaluations + far.evaluations)
+            evaluations += far.evaluations
+            checked = straightened(log_prob, far.draws, rng, s, evaluations)
+            if settled(checked):
+                return replace(checked, converged=True)
+            return Integral(far.log_ratio, honest_se(far, checked), far.draws, wide, "annealed", checked.pareto_k,
+                            far.settled and abs(far.log_ratio - checked.log_value) < 0.3, checked.evaluations)
     start = best.draws if best is not None else x + 0.1 * (normal_mixture(x, covariance).draw(n, rng) - x)
     return bridged(log_prob, start, best.proposal if best is not None else g, rng, s, evaluations)
+
+
+def straightened(
+    log_prob: LogProb, draws: Array, rng: np.random.Generator, settings: IntegralSettings, evaluations: int = 0,
+    rounds: int = 4,
+) -> Integral:
+    """The integral by importance draws in coordinates in which draws (n, d) of the density, or near it, lie straight.
+
+    The coordinates follow the draws from round to round, until two estimates in turn agree; `converged` says whether.
+    """
+    s = replace(settings, last_resort="none", rounds=2)
+    before = float("nan")
+    best: Integral | None = None
+    for round_ in range(rounds):
+        # importance draws alone creep towards the tips of a valley, a little in each round
+        moves = 30 * (1 + round_)
+        around = stirred(log_prob, draws, rng, moves=moves)
+        evaluations += moves * len(around)
+        draws = around if len(around) > 10 * draws.shape[1] else draws
+        at = Straight.of(draws)
+        y = at.forward(draws)
+
+        def density(z: Array, at: Straight = at) -> Array:
+            return log_prob(at.inverse(z))
+
+        try:
+            g = fit_mixture(y, rng, (1, 2, 4))
+        except InputError:
+            g = normal_mixture(y.mean(axis=0), np.cov(y.T) + 1e-12 * np.diag(y.var(axis=0) + 1e-300))
+        size = y.std(axis=0) + 1e-300
+        root = size[:, None] * np.linalg.cholesky(np.corrcoef(y, rowvar=False) + 1e-8 * np.eye(size.size))
+        wide = Mixture(
+            np.concatenate([0.65 * g.weights, 0.2 * g.weights, [0.1, 0.05]]),
+            np.concatenate([g.means, g.means, np.tile(y.mean(axis=0), (2, 1))]),
+            np.concatenate([1.05 * g.roots, 1.6 * g.roots, np.stack([1.6 * root, 3.0 * root])]),
+        )  # fmt: skip
+        found = integrate(density, y.mean(axis=0), np.cov(y.T), rng, s, wide)
+        evaluations += found.evaluations
+        draws = at.inverse(found.draws)
+        gap = abs(found.log_value - before)
+        agree = gap < max(0.05, 3 * found.se)
+        before = found.log_value
+        se = max(found.se, gap) if np.isfinite(gap) else found.se
+        found = replace(found, se=se, draws=draws, method="straightened", evaluations=evaluations)
+        if best is None or merit(found) <= merit(best):
+            best = found
+        if agree and found.pareto_k < _GOOD_TAIL and se < 2 * settings.good_se:
+            return replace(found, proposal=_plain(draws, rng, found.proposal), converged=True)
+    assert best is not None
+    return replace(best, proposal=_plain(best.draws, rng, best.proposal), converged=False, evaluations=evaluations)
+
+
+def settled(found: Integral, good_se: float = 0.2) -> bool:
+    """Whether a straightened integral, whose standard error knows what the last round moved it, is good enough."""
+    return found.converged or (found.pareto_k < 0.7 and found.se < good_se)
+
+
+def _plain(draws: Array, rng: np.random.Generator, otherwise: Mixture) -> Mixture:
+    """A mixture in the coordinates of the draws, for those who go on from them."""
+    try:
+        return fit_mixture(draws, rng, (1, 2, 4, 8))
+    except InputError:
+        return otherwise
+
+
+def honest_se(far: Annealed, checked: Integral) -> float:
+    """Standard error of an annealed integral, no smaller than what a second way of working it out differs by.
+
+    All populations may miss the same tips of a curved valley: their scatter does not know. It is of few populations,
+    too, and Student's t widens it.
+    """
+    gap = abs(far.log_ratio - checked.log_value)
+    joint = float(np.hypot(far.se, checked.se))
+    return float(max(_FEW_POPULATIONS * far.se, gap if gap > 2.0 * joint else 0.0))
 
 
 def normal_mixture(x: Array, covariance: Array) -> Mixture:

@@ -16,23 +16,41 @@ from numpy.typing import NDArray
 
 from ..assemble import zero_prior
 from ..find_map import MapResult, laplace_covariance
-from ..fit.mixture import Mixture, fit_mixture
+from ..fit.mixture import Mixture, fit_mixture, joined
 from ..fit.polish import NewtonSettings, polish_newton
 from ..fit.reweigh import smoothed_weights
 from ..likelihood.block_group import BlockGroup
 from ..likelihood.linear_group import LinearGroup
+from ..likelihood.plant_group import PlantGroup
 from ..likelihood.posterior import Posterior
 from ..likelihood.prepare import Prepared
 from .anneal import AnnealSettings, anneal
+from .climb import climb, first_difference_covariance
 from .common import Restricted, group_log_likelihood, restricted
 from .fit_one import Fitted, residual_at
-from .integrate import Integral, IntegralSettings, integrate, log_mean
+from .integrate import (
+    Integral,
+    IntegralSettings,
+    honest_se,
+    integrate,
+    log_mean,
+    normal_mixture,
+    settled,
+    straightened,
+)
+from .simulated import SimulatedSettings, fitted_to, integral_of, remembered, survey
+from .terms import RecordTerms
 
 Array = NDArray[np.float64]
 _NEWTON = NewtonSettings(tolerance=0.02, max_iterations=25)
 _LARGEST_K = 0.7
 #: spread of log weights over the draws up to which they are trusted without a look at their tail
 _QUIET_SD = 0.5
+#: importance draws where each is a simulation, and the standard error (nats) that is good enough for one score
+_FEW = IntegralSettings(
+    draws=250, per_dimension=20, rounds=2, good_k=0.6, first_k=0.6, good_se=0.1, bad_k=_LARGEST_K, last_resort="none"
+)
+_GOOD_SE = 0.2
 
 
 @dataclass(frozen=True)
@@ -45,7 +63,7 @@ class LeftOut:
     n: int
     elpd: float
     mc_se: float
-    method: str  # reweighted | integrated | annealed
+    method: str  # reweighted | integrated | annealed | emulated
     pareto_k: float | None
 
 
@@ -60,7 +78,7 @@ def score_left_out(
     posterior = fit.posterior
     fitted = frozenset(p.name for g in posterior.groups for p in g.fitted)
     prepared = fit.assembled.prepared
-    step = 1 if posterior.model.is_linear else 3
+    step = 1 if posterior.model.is_linear or posterior.model.spec.effects else 3
     scoring = _Scoring(fit, whole, whole.draws[::step], fitted, settings)
     out = []
     for i, (p, child) in enumerate(zip(prepared, rng.spawn(len(prepared)), strict=True)):
@@ -82,6 +100,7 @@ class _Scoring:
     fitted: frozenset[str]
     settings: IntegralSettings
     _known: dict[tuple[str, str], Array] = field(default_factory=dict)
+    _terms: dict[tuple[str, str], RecordTerms] = field(default_factory=dict)
 
     def score(self, p: Prepared, rng: np.random.Generator) -> LeftOut:
         """Score of one recording."""
@@ -98,44 +117,83 @@ class _Scoring:
                 se = float(np.sqrt(max(1.0 / w.effective - 1.0 / len(own), 0.0)))
                 return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, "reweighted", w.pareto_k)
         posterior, start = self.fit.posterior, self.fit.x
-        if self.whole.method == "annealed" and (sign < 0 or not p.recording.is_mechanical):
-            return self._annealed(p, sign, rng)
         names = self.fitted - {p.name} if sign < 0 else self.fitted | {p.name}
         if sign > 0 and p.recording.is_mechanical:
             posterior, start = _with_zero(self.fit, p, names)
+        if posterior.model.spec.effects:
+            return self._emulated(p, posterior, start, names, sign, rng)
         short = replace(self.settings, draws=1500, rounds=5, bad_k=_LARGEST_K, last_resort="none")
         other = _integral(restricted(posterior, names), posterior, start, rng, short)
+        curved = self.whole.method in ("annealed", "straightened") and (sign < 0 or not p.recording.is_mechanical)
+        if curved and not (other.converged and other.se < _GOOD_SE):
+            return self._curved(p, sign, rng)
         value = sign * (other.log_value - self.whole.log_value)
         se = float(np.hypot(other.se, self.whole.se))
         return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, "integrated", other.pareto_k)
 
-    def _annealed(self, p: Prepared, sign: float, rng: np.random.Generator) -> LeftOut:
-        """Populations from a mixture fitted to the draws, its unseen coordinates at their prior and all of it wider."""
+    def _emulated(
+        self, p: Prepared, posterior: Posterior, start: Array, names: frozenset[str], sign: float,
+        rng: np.random.Generator,
+    ) -> LeftOut:
+        """By some hundred simulations at the maximum with (or without) the recording; by an emulator where few do."""
+        given = remembered(fitted_to(posterior, names), posterior)
+        r_climb, r_few, r_survey, r_many = rng.spawn(4)
+        starts = [start]
+        if self.fit.proposal is not None and start.size == self.fit.x.size:
+            starts = list(np.unique(self.fit.proposal.means, axis=0))
+        places = [climb(x, lambda _: given, r_climb, 0.3)[0] for x in starts]
+        parts = [normal_mixture(x, first_difference_covariance(given, x, r_climb)) for x in places]
+        proposal = joined(parts, np.full(len(parts), 1.0 / len(parts)))
+        size = first_difference_covariance(given, places[0], r_climb)
+        other = integrate(given.log_prob, places[0], size, r_few, _FEW, proposal)
+        method = "integrated"
+        if not other.converged or other.se > _GOOD_SE:
+            method = "emulated"
+            around = [survey(given, x, self.fit.assembled.search_groups, r_survey) for x in places]
+            other = integral_of(given, around, r_many, SimulatedSettings(corrected=200, kept=40))
+        value = sign * (other.log_value - self.whole.log_value)
+        se = float(np.hypot(other.se, self.whole.se))
+        return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, method, other.pareto_k)
+
+    def _curved(self, p: Prepared, sign: float, rng: np.random.Generator) -> LeftOut:
+        """From the draws, their unseen coordinates at their prior: straightened, or by populations where that fails."""
         names = self.fitted - {p.name} if sign < 0 else self.fitted | {p.name}
         posterior = self.fit.posterior
         pool = self.whole.draws.copy()
         blind = unseen(posterior, names)
         pool[:, blind] = posterior.prior_draws(len(pool), rng)[:, blind]
-        g = fit_mixture(pool, rng, (1, 2, 4, 8))
-        wide = Mixture(
-            np.concatenate([0.7 * g.weights, 0.3 * g.weights]), np.concatenate([g.means, g.means]),
-            np.concatenate([1.2 * g.roots, 2.5 * g.roots]),
-        )  # fmt: skip
-        quick = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16)
-        found = anneal(wide.draw, wide.log_density, restricted(posterior, names).log_prob, rng, quick)
-        value = sign * (found.log_ratio - self.whole.log_value)
-        se = float(np.hypot(found.se, self.whole.se))
-        return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, "annealed", None)
+        density = restricted(posterior, names).log_prob
+        found = straightened(density, pool, rng, self.settings, rounds=3 if posterior.model.is_linear else 2)
+        log_value, se, method, k = found.log_value, found.se, "integrated", float(found.pareto_k)
+        if not settled(found, 0.5):
+            g = fit_mixture(pool, rng, (1, 2, 4, 8))
+            wide = Mixture(
+                np.concatenate([0.7 * g.weights, 0.3 * g.weights]), np.concatenate([g.means, g.means]),
+                np.concatenate([1.2 * g.roots, 2.5 * g.roots]),
+            )  # fmt: skip
+            quick = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16)
+            far = anneal(wide.draw, wide.log_density, density, rng, quick)
+            if np.isfinite(far.log_ratio):
+                log_value, se, method = far.log_ratio, honest_se(far, found), "annealed"
+        value = sign * (log_value - self.whole.log_value)
+        se = float(np.hypot(se, self.whole.se))
+        return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, method, k)
 
     def _own_likelihood(self, p: Prepared) -> Array:
         """(n,) log likelihood of a recording at the draws, given the others of its group that are fitted."""
         posterior = self.fit.posterior
         group = next(g for g in posterior.groups if any(r.name == p.name for r in (*g.fitted, *g.others)))
         key = (group.channel, group.specimen)
+        rest = self.fitted - {p.name}
+        if isinstance(group, PlantGroup):
+            if key not in self._terms:
+                self._terms[key] = RecordTerms.of(posterior, group, self.draws)
+            terms = self._terms[key]
+            return terms.log_likelihood(rest | {p.name}) - terms.log_likelihood(rest)
         if key not in self._known:
             self._known[key] = group_log_likelihood(posterior, group, self.draws, self.fitted)
         if p.name in self.fitted:
-            return self._known[key] - group_log_likelihood(posterior, group, self.draws, self.fitted - {p.name})
+            return self._known[key] - group_log_likelihood(posterior, group, self.draws, rest)
         return group_log_likelihood(posterior, group, self.draws, self.fitted | {p.name}) - self._known[key]
 
 

@@ -14,18 +14,20 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Campaign
 from ..errors import InputError
+from ..likelihood.remembering import forget
 from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
 from ..run_state import checkpoint_for
 from .align import aligned
 from .common import CommonData, check_same_likelihood, common_data
-from .fit_one import Fitted, Say, fit_one, linear_partner, residual_at
+from .fit_one import Fitted, Say, fit_one, linear_partner, residual_at, simulated_fit
 from .integrate import Integral, IntegralSettings, bridged, integrate
 from .kept import Done, keep, recall
 from .leave_out import score_left_out
 from .names import expand
 from .richer import richer_starts, smaller
 from .same import corner_of, exact_groups, reparameterised
+from .simulated import SimulatedSettings, Survey, integral_of
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -35,13 +37,13 @@ Report = Callable[[str, float, float, str], None]
 class ComparisonSettings:
     """workers: threads; near_nats: models this close to the best get their evidence from a long run and a bridge.
 
-    effect_draws: importance draws where each costs a simulation.
+    simulated: how models are worked out whose every draw costs a simulation.
     """
 
     workers: int = 1
     near_nats: float = 5.0
     integral: IntegralSettings = IntegralSettings()
-    effect_draws: int = 400
+    simulated: SimulatedSettings = SimulatedSettings()
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ def identity(model: Model, campaign: Campaign, seed: int, s: ComparisonSettings)
         "priors": {p.name: str(p.prior) for p in model.parameters},
         "recordings": [[r.name, r.role] for r in campaign.recordings],
         "inputs": [i["sha256"] for i in campaign.inputs],
-        "settings": [repr(s.integral), s.effect_draws],
+        "settings": [repr(s.integral), repr(s.simulated)],
     }
 
 
@@ -197,18 +199,29 @@ def _one(
     seconds: dict[str, float] = {}
     lap = time.perf_counter()
     say("searching", 0, 1, "")
-    fit = _fit(model, data, seed, starts, lambda *at: say("searching", *at))
+    around: tuple[Survey, ...] = ()
+    if model.spec.effects:
+        fit, around = simulated_fit(
+            data.assembled(model), model, generator(seed, name, 0), say=lambda *at: say("searching", *at)
+        )
+    else:
+        fit = _fit(model, data, seed, starts, lambda *at: say("searching", *at))
     seconds["map"] = time.perf_counter() - lap
     lap = time.perf_counter()
     say("evidence", 0, 1, "")
     settings = integral_settings(model, s)
-    whole = integrate(fit.posterior.log_prob, fit.x, fit.covariance, generator(seed, name, 1), settings, fit.proposal)
+    rng = generator(seed, name, 1)
+    if around:
+        whole = integral_of(fit.posterior, around, rng, s.simulated, lambda *at: say("evidence", *at))
+    else:
+        whole = integrate(fit.posterior.log_prob, fit.x, fit.covariance, rng, settings, fit.proposal)
     seconds["evidence"] = time.perf_counter() - lap
     lap = time.perf_counter()
     scores = score_left_out(
         fit, whole, generator(seed, name, 2), settings, lambda *at: say("leaving out", *at)
     )
     seconds["leave out"] = time.perf_counter() - lap
+    forget(fit.posterior)
     return Done(fit, whole, tuple(scores), unexplained(fit), seconds)
 
 
@@ -232,11 +245,9 @@ def _fit(model: Model, data: CommonData, seed: int, starts: dict[str, Fitted], s
 
 
 def integral_settings(model: Model, s: ComparisonSettings) -> IntegralSettings:
-    """Fewer draws where each of them is a simulation of every recording."""
+    """More draws where they cost next to nothing."""
     from dataclasses import replace
 
-    if model.spec.effects:
-        return replace(s.integral, draws=s.effect_draws, per_dimension=20, rounds=3, last_resort="none")
     return replace(s.integral, draws=2 * s.integral.draws) if model.is_linear else s.integral
 
 

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _SMALLEST = 1e-3
 #: width of the importance draws over that of the normal at the maximum
 _WIDTH = 1.15
+#: steps to the maximum, and how much of each is tried in turn
+_NEWTON_STEPS, _LENGTHS = 6, (1.0, 0.4, 0.1)
 #: parts of the draws by which the error of their covariance is judged
 _PARTS = 8
 
@@ -210,12 +212,20 @@ def _marginal(s: Surrogate, v: Array, y: Array, noise: Array, picks: Array, spre
     """log p(y) (N,) up to the same constant: importance draws from a t at the maximum that belongs to y."""
     k = v.shape[1]
     at, r = v, noise
-    for _ in range(2):
+    height = np.sum(r**2, axis=1) + np.sum(at**2, axis=1)
+    for _ in range(_NEWTON_STEPS):
         J = s.slope(at)
         A = np.eye(k) + J @ J.transpose(0, 2, 1)
         step = np.linalg.solve(A, (np.einsum("nkm,nm->nk", J, r) - at)[..., None])[..., 0]
-        at = at + step
-        r = y - s.at(at)
+        # where answers bend much a whole step leads away from the maximum, and draws around its end find nothing
+        for length in _LENGTHS:
+            trial = at + length * step
+            rest = y - s.at(trial)
+            value = np.sum(rest**2, axis=1) + np.sum(trial**2, axis=1)
+            better = value < height
+            at, r = np.where(better[:, None], trial, at), np.where(better[:, None], rest, r)
+            height = np.where(better, value, height)
+            step = np.where(better[:, None], 0.0, step)
     J = s.slope(at)
     A = np.eye(k) + J @ J.transpose(0, 2, 1)
     L = np.linalg.cholesky(A)
@@ -242,4 +252,38 @@ def shrinkage(at: Coordinates, quantities: Mapping[str, Array], after: Array) ->
         slope = np.linalg.lstsq(at.v, x - x.mean(), rcond=None)[0]
         rest = float(np.var(x - x.mean() - at.v @ slope))
         out[name] = float(np.sqrt((slope @ after @ slope + rest) / (slope @ slope + rest)))
+    return out
+
+
+def shrinkage_range(
+    at: Coordinates, quantities: Mapping[str, Array], s: Surrogate, root: Array | None = None, draws: int = 200
+) -> dict[str, tuple[float, float]]:
+    """Where `shrinkage` may end up: its 5 and 95 % quantiles over the draws that may be the truth.
+
+    s: answers in coordinates w of unit covariance, v = root w. At each draw the information of the experiment and the
+    slope of the quantity are those of its place. A posterior that a normal describes gives two equal numbers; one near
+    its prior, which bends, gives two that are far apart: what is expected of its intervals is then rough.
+    """
+    v = at.outer[np.linspace(0, len(at.outer) - 1, min(draws, len(at.outer))).astype(int)]
+    k = v.shape[1]
+    J = s.slope(v)
+    C = np.linalg.inv(np.eye(k) + J @ J.transpose(0, 2, 1))
+    place = v if root is None else v @ root.T
+    out = {}
+    for name, values in quantities.items():
+        x = np.asarray(values, float)
+        if not np.isfinite(x).all() or x.std() == 0:
+            continue
+        x = np.log(x) if (x > 0).all() else x
+        B = at.solve @ (x - x.mean())
+        bent = np.zeros((k, k))
+        bent[np.triu_indices(k)] = B[1 + k :]
+        slope = B[1 : 1 + k] + place @ (bent + np.triu(bent, 1).T)
+        slope = slope if root is None else slope @ root
+        rest = float(np.var(x - x.mean() - features(at.v) @ B))
+        learned = np.einsum("ni,nij,nj->n", slope, C, slope)
+        size = max(float(np.mean(np.sum(slope**2, axis=1))), 1e-300)
+        now = float(np.var(x)) if root is None else size + rest
+        width = np.sqrt(learned * (1.0 + rest / size) / now)
+        out[name] = (float(np.quantile(width, 0.05)), float(np.quantile(width, 0.95)))
     return out

@@ -11,10 +11,12 @@ import numpy as np
 
 from ..campaign.schema import Campaign
 from ..comparison.common import CommonData, common_data
-from ..comparison.fit_one import Fitted, fit_one, linear_partner
-from ..comparison.integrate import Integral, IntegralSettings, integrate, normal_mixture
+from ..comparison.fit_one import Fitted, fit_one, linear_partner, simulated_fit
+from ..comparison.integrate import IntegralSettings, integrate
 from ..comparison.kept import Done, keep, recall
 from ..comparison.run import generator
+from ..comparison.simulated import emulated_integral
+from ..likelihood.remembering import forget
 from ..models.model import Model
 from ..run_state import checkpoint_for
 from .belief import Belief, of_posterior
@@ -36,7 +38,7 @@ def fitted_beliefs(
 ) -> tuple[list[Belief], tuple[str, ...]]:
     """A belief of each model, by name, and warnings about the recordings.
 
-    Draws are importance draws around the maximum, of Laplace's normal where every value costs a simulation of all
+    Draws are importance draws around the maximum, of an emulator where every value costs a simulation of all
     recordings. checkpoints: folder where finished fits are kept; anew: do not go on from them.
     """
     data = common_data(campaign, list(models.values()), settings.workers)
@@ -63,19 +65,19 @@ def fitted_beliefs(
 
 
 def _fit(name: str, model: Model, data: CommonData, seed: int, s: FitSettings, say: Say) -> Done:
+    rng = generator(seed, name, 1)
+    if model.spec.effects:
+        fit, around = simulated_fit(data.assembled(model), model, generator(seed, name, 0), say=say)
+        whole = emulated_integral(around, s.draws, rng)
+        forget(fit.posterior)
+        return Done(fit, whole, (), None, {})
     linear: Fitted | None = None
     partner = linear_partner(model) if data.campaign.share is None else None
     if partner is not None:
         linear = fit_one(data.assembled(partner), partner, generator(seed, partner.name, 0), say=say)
     fit = fit_one(data.assembled(model), model, generator(seed, name, 0), linear, say=say)
-    rng = generator(seed, name, 1)
-    if model.spec.effects:
-        draws = rng.multivariate_normal(fit.x, fit.covariance, s.draws, method="eigh")
-        whole = Integral(fit.laplace, float("nan"), draws, normal_mixture(fit.x, fit.covariance), "importance",
-                         float("nan"), True, 0)
-    else:
-        settings = IntegralSettings(draws=s.draws, per_dimension=200, last_resort="none")
-        whole = integrate(fit.posterior.log_prob, fit.x, fit.covariance, rng, settings, fit.proposal)
+    settings = IntegralSettings(draws=s.draws, per_dimension=200, last_resort="none")
+    whole = integrate(fit.posterior.log_prob, fit.x, fit.covariance, rng, settings, fit.proposal)
     return Done(fit, whole, (), None, {})
 
 

@@ -21,7 +21,7 @@ from ..prediction.calibrated import open_calibration
 from ..priors import Parameter, Prior
 from .belief import Belief, of_calibration, of_posterior
 from .hypotheses import FitSettings, fitted_beliefs
-from .questions import LARGEST_MISFIT, OfHypotheses, OfParameters, Question
+from .questions import LARGEST_MISFIT, ROUGH, OfHypotheses, OfParameters, Question
 from .rank import Proposal, plan, ranked, with_refined
 from .sources import PURPOSES, Named, from_comparison, from_diagnosis
 from .words import statement, why_hypotheses, why_parameters
@@ -296,9 +296,17 @@ def _summary(
         "warnings": [],
     }
     if isinstance(question, OfParameters):
+        ranges = question.range_after(ranking[0].answer.known)
+        rough = rough_widths(question.intervals_after(ranking[0].answer.known), ranges)
         out["intervals_after"] = {
-            "first": question.intervals_after(ranking[0].answer.known), "plan": _after_plan(question, chosen)
+            "first": question.intervals_after(ranking[0].answer.known), "plan": _after_plan(question, chosen),
+            "first_range": {name: list(r) for name, r in ranges.items()}, "rough": rough,
         }
+        if rough:
+            warnings = [*warnings, f"the interval that is expected of {', '.join(rough)} is rough: what is known now "
+                                   "is far from a normal distribution (little was recorded yet), and the width "
+                                   "depends on where in it the truth lies, see first_range. Run next again after the "
+                                   "first experiment"]
         subject = f"the parameters of {names[0]}"
         bent = [e for e in entries[:20] if e["misfit"] > LARGEST_MISFIT]
         if bent:
@@ -317,6 +325,17 @@ def _summary(
                                "to them"]
     out["warnings"] = list(dict.fromkeys(warnings))
     out["statement"] = statement(out, ranking[0].experiment, subject)
+    return out
+
+
+def rough_widths(expected: Mapping[str, float], ranges: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Quantities whose expected width is not to be relied on: its range is wide, or it lies outside."""
+    out = []
+    for name, (low, high) in ranges.items():
+        wide = high > ROUGH * max(low, 1e-3)
+        outside = not low / ROUGH <= expected.get(name, low) <= high * ROUGH
+        if (wide or outside) and expected.get(name, 1.0) < 0.95:
+            out.append(name)
     return out
 
 

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..experiments.menu import Experiment
 from .belief import Belief
 from .discriminate import expected_telling
-from .gain import Coordinates, Surrogate, coordinates, expected_gain, linear_gain, shrinkage, surrogate
+from .gain import Coordinates, Surrogate, coordinates, expected_gain, linear_gain, shrinkage, shrinkage_range, surrogate
 from .response import whitened
 
 Array = NDArray[np.float64]
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _DRAWS_A_COEFFICIENT = 4
 #: a quadratic that misses the answers by more (squared, in sds of the noise) is told in a warning
 LARGEST_MISFIT = 1.0
+#: factor between the ends of a range of widths beyond which the expected width is rough
+ROUGH = 2.0
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,10 @@ class OfParameters:
         """Expected width of every parameter's interval after the experiment over that of today."""
         return shrinkage(self.at, self.free, self.covariance_after(known))
 
+    def range_after(self, known: Any) -> dict[str, tuple[float, float]]:
+        """5 and 95 % quantiles of those widths over what the truth may be; far apart where they are rough."""
+        return shrinkage_range(self.at, self.free, self._now(known), self.root)
+
     def after(self, answer: Answer) -> OfParameters:
         """The question with the covariance that is expected then."""
         C = self.covariance_after(answer.known)
@@ -143,7 +149,8 @@ class OfHypotheses:
         thin = []
         for b in beliefs:
             k = b.z.shape[1] + len(b.gains)
-            thin.append(b.at(b.spread((3 if b.model.spec.effects else 8) * k)))
+            # a covariance of too few draws finds those of another hypothesis unlikely, whatever they say
+            thin.append(b.at(b.spread((8 if b.model.spec.effects else 24) * k)))
         return cls(tuple(thin), p / p.sum(), seed)
 
     @property

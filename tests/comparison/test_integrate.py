@@ -28,14 +28,46 @@ def banana(x):
     return -0.5 * (y[:, 0] ** 2 + (y[:, 1] / 0.1) ** 2)
 
 
-def test_a_curved_valley_needs_more_than_a_normal():
+def test_a_curved_valley_is_made_straight():
     exact = np.log(2 * np.pi * 0.1)
-    start = np.array([0.0, -1.0])
-    found = integrate(banana, start, np.diag([1.0, 0.01]), np.random.default_rng(0))
-    # a tenth as wide as it is bent: the far ends are reached late, and the scatter of the populations does not show it
-    assert abs(found.log_value - exact) < 0.3
-    assert found.method == "annealed"
-    assert found.draws[:, 0].std() == pytest.approx(1.0, abs=0.3)
+    found = integrate(banana, np.array([0.0, -1.0]), np.diag([1.0, 0.01]), np.random.default_rng(0))
+    assert found.method == "straightened"
+    assert found.converged
+    assert abs(found.log_value - exact) < max(4 * found.se, 0.03)
+    assert found.draws[:, 0].std() == pytest.approx(1.0, abs=0.1)
+
+
+def long_banana(x):
+    """A normal of four dimensions whose second and third bend by ninety and thirty of their widths at its tips."""
+    y = x.copy()
+    y[:, 1] += 0.1 * (x[:, 0] ** 2 - 100.0)
+    y[:, 2] -= 0.03 * x[:, 0] ** 2
+    y[:, 0] /= 10.0
+    return -0.5 * np.sum(y**2, axis=1)
+
+
+def test_standard_errors_of_curved_valleys_are_what_the_estimates_scatter_by():
+    exact = 2 * np.log(2 * np.pi) + np.log(10.0)
+    start = np.array([0.0, 10.0, 0.0, 0.0])
+    far = []
+    for seed in range(6):
+        found = integrate(long_banana, start, np.diag([100.0, 1, 1, 1]), np.random.default_rng(seed))
+        assert found.converged
+        far.append((found.log_value - exact) / found.se)
+    assert np.max(np.abs(far)) < 4
+    assert np.sqrt(np.mean(np.square(far))) < 2
+
+
+def test_populations_that_agree_on_too_little_get_the_gap_as_their_error():
+    from bayes_dea.comparison.anneal import Annealed
+    from bayes_dea.comparison.integrate import honest_se
+
+    draws = np.zeros((1, 1))
+    far = Annealed(1.0, 0.05, draws, True, 0)
+    checked = integrate(lambda x: -0.5 * np.sum(x**2, axis=1), np.zeros(2), np.eye(2), np.random.default_rng(0))
+    assert honest_se(far, checked) == pytest.approx(abs(1.0 - checked.log_value))
+    near = Annealed(checked.log_value + 0.05, 0.05, draws, True, 0)
+    assert honest_se(near, checked) == pytest.approx(0.06)
 
 
 def test_populations_know_how_much_is_where():

@@ -10,7 +10,10 @@ from bayes_dea.design.gain import (
     coordinates,
     expected_gain,
     features,
+    linear_after,
     linear_gain,
+    shrinkage,
+    shrinkage_range,
     surrogate,
 )
 from bayes_dea.design.response import without
@@ -119,3 +122,19 @@ def test_what_separates_nothing_tells_nothing_and_what_separates_all_tells_all()
     far = expected_telling([same, same + 100.0], p, np.random.default_rng(9))
     assert far.nats == pytest.approx(np.log(2.0), abs=1e-6)
     assert far.right == pytest.approx(1.0)
+
+
+def test_ranges_of_widths_are_points_where_all_is_linear_and_wide_where_it_bends():
+    rng = np.random.default_rng(10)
+    x = rng.standard_normal((4000, 2))
+    at = coordinates(x, 2)
+    straight = Surrogate(np.zeros(3), 2 * rng.standard_normal((2, 3)), np.zeros((2, 2, 3)), 0.0)
+    quantity = {"a": x @ np.array([1.0, 0.4])}
+    after = linear_after(straight.linear)
+    low, high = shrinkage_range(at, quantity, straight)["a"]
+    assert low == pytest.approx(high, rel=1e-3)
+    assert low == pytest.approx(shrinkage(at, quantity, after)["a"], rel=0.01)
+    # answers that saturate on one side: there nothing is learned, on the other much
+    bent = Surrogate(np.zeros(1), np.array([[4.0], [0.0]]), np.array([[[2.4], [0.0]], [[0.0], [0.0]]]), 0.0)
+    low, high = shrinkage_range(at, {"a": x[:, 0]}, bent)["a"]
+    assert high > 3 * low

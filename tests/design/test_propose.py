@@ -85,6 +85,18 @@ def test_a_plan_adds_less_with_each_step_and_narrows_more(made):
     assert steps[1]["gain_per_hour"] <= steps[0]["gain_per_hour"] * 1.001
     assert all(s["intervals_after"]["plan"][k] <= v + 1e-9 for k, v in s["intervals_after"]["first"].items())
     assert min(s["intervals_after"]["first"].values()) < 0.9
+    for name, (low, high) in s["intervals_after"]["first_range"].items():
+        assert 0 < low <= high
+        assert name in s["intervals_after"]["first"]
+    assert any("is rough" in w for w in s["warnings"]) == bool(s["intervals_after"]["rough"])
+
+
+def test_widths_that_depend_on_where_the_truth_lies_are_rough():
+    from bayes_dea.design.propose import rough_widths
+
+    expected = {"a": 0.5, "b": 0.5, "c": 0.99, "d": 0.1}
+    ranges = {"a": (0.45, 0.55), "b": (0.1, 0.8), "c": (0.2, 0.99), "d": (0.4, 0.5)}
+    assert rough_widths(expected, ranges) == ["b", "d"]
 
 
 def test_refined_settings_are_no_worse_than_the_grid(made):

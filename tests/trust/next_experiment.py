@@ -37,10 +37,13 @@ from bayes_dea.bench.protocols import Compression, Creep, Protocol, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.bench.simulate import simulate
 from bayes_dea.campaign import Actuator, Campaign, Sensor, campaign_from_recordings, recording_from_arrays
-from bayes_dea.design.belief import Belief
-from bayes_dea.design.hypotheses import FitSettings, fitted_beliefs
+from bayes_dea.comparison.common import common_data
+from bayes_dea.comparison.fit_one import fit_one
+from bayes_dea.comparison.integrate import IntegralSettings, integrate, straightened
+from bayes_dea.design.belief import Belief, of_posterior
 from bayes_dea.design.questions import OfParameters
 from bayes_dea.design.rank import Proposal, in_order, proposed, ranked, refined
+from bayes_dea.errors import InputError
 from bayes_dea.experiments.commands import command
 from bayes_dea.experiments.costs import Costs
 from bayes_dea.experiments.limits import Limits, limits_of
@@ -51,7 +54,8 @@ Array = NDArray[np.float64]
 SEED = 8117
 HERE = Path(__file__).resolve().parent
 MODEL = "hooke+gm3"
-RATE_HZ = 500.0
+#: slow, so that a case takes seconds: frequencies are proposed up to a fifth of it
+RATE_HZ = 100.0
 RESOLUTION_M = 0.15e-6
 COSTS = Costs()
 #: the largest signal of a specimen sets its gain on the bench; this recording, which nobody sees, keeps it the same
@@ -131,10 +135,21 @@ def measured(material: Material, recordings: list[RecordingPlan], seed: int, **m
     return campaign_from_recordings(taken, sheets, actuator, name="next")
 
 
-def believed(campaign: Campaign, seed: int) -> Belief:
-    """The posterior of the model."""
-    beliefs, _ = fitted_beliefs(campaign, {MODEL: build_model(MODEL)}, seed, FitSettings(draws=4000), lambda *_: None)
-    return beliefs[0]
+def believed(campaign: Campaign, seed: int, material: Material) -> Belief:
+    """The posterior of the model; its maximum is looked for from the truth, which spares the swarms."""
+    model = build_model(MODEL)
+    data = common_data(campaign, [model])
+    assembled = data.assembled(model)
+    truth = model.priors.to_coordinates({k: np.array([v]) for k, v in material.parameters().items()})
+    start = np.concatenate([model.from_prior_coordinates(truth)[0], assembled.posterior.noise_guess()])
+    rng = np.random.default_rng([seed, 11])
+    fit = fit_one(assembled, model, rng, starts=[start])
+    settings = IntegralSettings(draws=2500, per_dimension=60)
+    whole = integrate(fit.posterior.log_prob, fit.x, fit.covariance, rng, settings, fit.proposal)
+    if len(np.unique(whole.draws, axis=0)) < 300:  # a few draws that carry all the weight have no covariance
+        whole = straightened(fit.posterior.log_prob, whole.draws, rng, settings)
+    q = whole.draws[np.isfinite(fit.posterior.log_prior(whole.draws))]
+    return of_posterior(fit.posterior, q, campaign, rng, MODEL)
 
 
 def volume(belief: Belief) -> float:
@@ -159,14 +174,15 @@ def realised(index: int, seed: int) -> dict[str, Any]:
     """One proposal carried out."""
     material, plans, case = start(index, seed)
     campaign = measured(material, plans, case)
-    before = believed(campaign, index)
+    before = believed(campaign, index, material)
     question = OfParameters.of(before, index)
     limits = bench_limits(campaign)
     wanted = PATTERNS[index % len(PATTERNS)]
-    choice = [e for e in menu(limits) if e.duration_s <= 1500 and wanted in ("best", e.pattern)]
+    choice = [e for e in menu(limits, "few" if wanted == "best" else "full")
+              if e.duration_s <= 1500 and wanted in ("best", e.pattern)]
     ranking = ranked(question, choice, COSTS, RESOLUTION_M)
-    best = refined(question, ranking[0], COSTS, RESOLUTION_M) or ranking[0]
-    after = believed(measured(material, [*plans, recorded("next.csv", played(best.experiment))], case), index)
+    best = refined(question, ranking[0], COSTS, RESOLUTION_M, 12) or ranking[0]
+    after = believed(measured(material, [*plans, recorded("next.csv", played(best.experiment))], case), index, material)
     d = after.z.mean(axis=0) - before.z.mean(axis=0)
     C0, C1 = np.cov(before.z.T), np.cov(after.z.T)
     gained = volume(before) - volume(after)
@@ -180,11 +196,11 @@ def hours(index: int, seed: int) -> dict[str, Any]:
     """Bench hours to reach the posterior of the paper's twelve creep steps: by proposals, and at random."""
     material, plans, case = start(index, seed)
     campaign = measured(material, plans, case)
-    first = believed(campaign, index)
+    first = believed(campaign, index, material)
     limits = bench_limits(campaign)
     paper = [recorded(f"paper_{i:02d}.csv", Creep(100.0 * i, 600.0, conditioning_on_s=30.0, conditioning_off_s=30.0))
              for i in range(1, 13)]
-    goal = volume(believed(measured(material, [*plans, *paper], case), index))
+    goal = volume(believed(measured(material, [*plans, *paper], case), index, material))
     # the last hold's rest is that of a hold as long at the same voltage
     question = OfParameters.of(first, index)
     alike = [Experiment("creep", ((i / 12 - 0.15) / 0.85, np.log(600 / 20) / np.log(7200 / 20)), limits)
@@ -205,7 +221,7 @@ def hours(index: int, seed: int) -> dict[str, Any]:
             done.append(recorded(f"{way}_{len(names):02d}.csv", played(step.experiment)))
             # random steps are many and small: every third one is looked at
             if way == "chosen" or len(names) % 3 == 0 or spent >= paper_s:
-                belief = believed(measured(material, done, case), index)
+                belief = believed(measured(material, done, case), index, material)
         out |= {f"{way}_hours": spent / 3600, f"{way}_volume": volume(belief), f"{way}": names}
     out["ratio"] = out["chosen_hours"] / out["paper_hours"]
     out["reached"] = out["chosen_volume"] <= goal
@@ -241,7 +257,11 @@ def diagnosis(index: int, seed: int) -> dict[str, Any]:
         verdicts.append(found.summary["verdict"])
         if len(sizes[-1]) == 1 or len(carried) == 2:
             break
-        with_source = propose_from(found.summary, campaign, index, propose, ProposalSettings)
+        try:
+            with_source = propose_from(found.summary, campaign, index, propose, ProposalSettings)
+        except InputError as error:  # what is left cannot be simulated: nothing to be proposed
+            carried.append(str(error))
+            break
         best = with_source.ranking[0].experiment
         carried.append(best.name)
         plans = [*plans, recorded(f"next_{len(carried)}.csv", played(best))]
@@ -283,6 +303,7 @@ def summarise(what: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         out["random_reached"] = float(np.mean([r["random_volume"] <= r["goal"] for r in rows]))
         out["chosen_hours"] = float(np.median([r["chosen_hours"] for r in rows]))
         out["paper_hours"] = float(np.median([r["paper_hours"] for r in rows]))
+        out["ratio_to_random_median"] = float(np.median([r["chosen_hours"] / r["random_hours"] for r in rows]))
     else:
         asked = [r for r in rows if r["asked"]]
         out["asked"] = len(asked)
@@ -291,12 +312,29 @@ def summarise(what: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return out
 
 
+def draw(rows: list[dict[str, Any]], path: Path) -> None:
+    """Realised against expected gain of every case."""
+    from bayes_dea.report.style import new_figure
+
+    figure = new_figure(3.2, 3.6)
+    ax = figure.add_subplot()
+    e, g, se = (np.array([r[k] for r in rows]) for k in ("expected", "realised", "se"))
+    ax.errorbar(e, g, xerr=se, fmt="o", markersize=4, linewidth=0.8)
+    top = 1.05 * float(max(e.max(), g.max()))
+    ax.plot([0, top], [0, top], color="0.6", linewidth=0.8)
+    ax.set_xlabel("expected gain (nats)")
+    ax.set_ylabel("realised gain (nats)")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=tuple(WHAT))
     parser.add_argument("--n", type=int, default=50)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--out", type=Path, default=None, help="file that cases are appended to")
+    parser.add_argument("--report", type=Path, default=None, help="folder for summary, rows and picture")
     options = parser.parse_args()
     path = options.out or HERE / f"next_{options.what}.jsonl"
     rows = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
@@ -315,7 +353,14 @@ def main() -> int:
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         print(json.dumps({k: v for k, v in row.items() if k != "experiment"}), flush=True)
-    print(json.dumps(summarise(options.what, rows), indent=1))
+    found = summarise(options.what, rows)
+    print(json.dumps(found, indent=1))
+    if options.report is not None:
+        options.report.mkdir(parents=True, exist_ok=True)
+        content = json.dumps({**found, "rows": rows}, indent=1)
+        (options.report / f"{options.what}.json").write_text(content + "\n", encoding="utf-8")
+        if options.what == "realised":
+            draw(rows, options.report / "realised.png")
     return 0
 
 
