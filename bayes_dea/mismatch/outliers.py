@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.electrostatics import filled_input
-from ..noise.isolated import isolated_outliers, recurrence
+from ..noise.isolated import Recurrence, isolated_outliers, recurrence
 from .features import excitation
 from .prove import own_offset_and_gain
 from .reduced import Piece, again
 from .refit import Fit
+
+Array = NDArray[np.float64]
 
 #: times that a warning names
 _NAMED = 5
@@ -23,20 +25,25 @@ def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bo
     """Rows (n,) of false readings by recording, for displacement pieces under a fit (see `isolated_outliers`)."""
     found = {}
     problem = replace(fit.problem, pieces=tuple(pieces))
+    seen: list[tuple[Piece, Array, Recurrence]] = []
     for piece, x in zip(pieces, problem.rows(fit.q), strict=True):
         if piece.channel != "displacement" or not np.isfinite(x).all():
             continue
         r = piece.recording
         u = filled_input(r.columns["voltage_V"])
         frequency = excitation(r.time_s, u)[0]
+        back = recurrence(u, 1.0 / frequency if frequency > 0 else 0.0)
+        seen.append((piece, own_offset_and_gain(piece, x), back))
+    for piece, residual, back in seen:
+        step = piece.prepared.step_s
+        elsewhere = [
+            (other, its)
+            for p, other, its in seen
+            if p is not piece and abs(p.prepared.step_s - step) < 0.01 * step
+        ]
         sigma, rho = fit.noise.of(piece)
         rows = isolated_outliers(
-            own_offset_and_gain(piece, x),
-            r.time_s,
-            sigma,
-            rho,
-            recurrence(u, 1.0 / frequency if frequency > 0 else 0.0),
-            piece.prepared.sensor.resolution or 0.0,
+            residual, piece.recording.time_s, sigma, rho, back, piece.prepared.sensor.resolution or 0.0, elsewhere
         )
         if rows.any():
             found[piece.name] = rows

@@ -51,10 +51,10 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
 
-def without_one(found: Weighed, dropped: str, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
-    """`found` without the effect `dropped`, refitted from where it stands: whether it takes both is asked from there.
+def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
+    """A simpler `model`, all of whose parameters `found` has, refitted from where that stands.
 
-    model: the base with the other effects of `found`. None where it has no answer.
+    Whether it takes the effects that the model does without is asked from there. None where it has no answer.
     """
     problem = found.fit.problem.with_model(model)
     before = found.fit.problem.model
@@ -64,7 +64,7 @@ def without_one(found: Weighed, dropped: str, base: Fit, model: Model, prior: No
     fit = refit(problem, start, prior.start(), prior)
     if fit is None:
         return None
-    others = tuple(n for n in found.effects if n != dropped)
+    others = tuple(n for n in model.spec.effects if n not in base.problem.model.spec.effects)
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
 

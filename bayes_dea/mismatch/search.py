@@ -15,7 +15,7 @@ from .features import Features
 from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
 from .refit import Fit
-from .relabel import FURTHER, in_place_of_one, without_one, without_stand_in
+from .relabel import FURTHER, in_place_of_one, within, without_stand_in
 from .relocate import relocated
 from .ridge import integrated
 from .slow_start import LIMITS, slow_start
@@ -46,6 +46,8 @@ _DOUBTFUL = 0.4
 _ESCAPES = 4
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
+#: effects that are another one at an end of their parameters: a leak acts through the resistance before it
+CONTAINS = {"leakage": "series_resistance"}
 
 
 def typical(base: Fit) -> Array:
@@ -166,15 +168,22 @@ def second_thoughts(
 ) -> list[Weighed]:
     """Rivals that are looked for from where an explanation stands.
 
-    Of several effects each is left out: a fit of one alone may have ended where the other was needed. A mode of the
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed. An effect that
+    contains another is put back to that one. A mode of the
     base may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far
     faster than the sampling is a damper), and then that effect is looked for in its place.
     """
     out: list[Weighed] = []
     laws = {**overrides, **law_of(w)}
-    for dropped in w.effects if len(w.effects) > 1 else ():
-        m = extended(model, [n for n in w.effects if n != dropped], laws)
-        alone = without_one(w, dropped, base, m, prior) if m is not None else None
+    simpler_ones = [[n for n in w.effects if n != dropped] for dropped in w.effects] if len(w.effects) > 1 else []
+    simpler_ones += [
+        [n for n in w.effects if n != wide] + [narrow]
+        for wide, narrow in CONTAINS.items()
+        if wide in w.effects and narrow not in w.effects and narrow in names
+    ]
+    for effects in simpler_ones:
+        m = extended(model, effects, laws)
+        alone = within(w, base, m, prior) if m is not None else None
         if alone is not None:
             out.append(alone)
     others = [n for n in w.effects if n != FURTHER]

@@ -6,6 +6,7 @@ false reading of a sensor does neither. Rows that fail both tests are left alone
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,13 @@ def recurrence(u: ArrayLike, period_s: float) -> Recurrence:
 
 
 def isolated_outliers(
-    residual: ArrayLike, time_s: ArrayLike, sd: float, rho: float, back: Recurrence, resolution: float = 0.0
+    residual: ArrayLike,
+    time_s: ArrayLike,
+    sd: float,
+    rho: float,
+    back: Recurrence,
+    resolution: float = 0.0,
+    elsewhere: Sequence[tuple[Array, Recurrence]] = (),
 ) -> NDArray[np.bool_]:
     """Rows (n,) whose residual is a false reading.
 
@@ -65,12 +72,14 @@ def isolated_outliers(
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size in the middle of the others, or half of it in a twelfth of them. In the first 8 rows after an
-      edge that is the only one of its direction nothing is flagged.
+      edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
+      than two of these, nothing is flagged.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
     residual, time_s : shape (n,); nan cells are gaps. sd, rho : marginal sd and lag-one correlation of the noise.
-    resolution : quantisation step; nothing below three of them is flagged.
+    resolution : quantisation step; nothing below three of them is flagged. elsewhere : residuals and recurrence of
+    other recordings that were read in the same steps of time.
     """
     r, t = np.asarray(residual, dtype=float), np.asarray(time_s, dtype=float)
     out = np.zeros(r.size, dtype=np.bool_)
@@ -96,7 +105,7 @@ def isolated_outliers(
         for at in np.flatnonzero(same & (np.abs(miss).min(axis=0) > limit)) + 1:
             rows = good[max(at - _PAD, 0) : max(at + length - _PAD, 0)]
             if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit) and not _returns(
-                r, int(rows[0]), length, step, t, back
+                r, int(rows[0]), length, step, t, back, elsewhere
             ):
                 out[rows] = True
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
@@ -120,7 +129,15 @@ def _alone(x: Array, at: int, length: int, limit: float) -> bool:
     return size > _CONTRAST * float(np.sort(np.abs(around))[-2])
 
 
-def _returns(r: Array, row: int, length: int, step: float, t: Array, back: Recurrence) -> bool:
+def _returns(
+    r: Array,
+    row: int,
+    length: int,
+    step: float,
+    t: Array,
+    back: Recurrence,
+    elsewhere: Sequence[tuple[Array, Recurrence]],
+) -> bool:
     """Whether the residual shows the same at the other places where the input does the same."""
     own = _level(r, np.array([row]), length)[0]
     lag = row - back.edges
@@ -130,7 +147,15 @@ def _returns(r: Array, row: int, length: int, step: float, t: Array, back: Recur
         alike = np.flatnonzero(np.sign(back.jump) == np.sign(back.jump[last]))
         alike = alike[alike != last]
         if alike.size == 0:
-            return bool(lag[last] < _AT_EDGE)  # nothing to compare with: nothing is claimed
+            if lag[last] >= _AT_EDGE:
+                return False
+            found = [
+                _shown(x, at.edges[same] + lag[last], at.jump[same] / back.jump[last], length, float(own))
+                for x, at in elsewhere
+                for same in [np.sign(at.jump) == np.sign(back.jump[last])]
+            ]
+            share = np.concatenate([np.empty(0), *found])
+            return share.size < 2 or _comes_back(share)  # nothing to compare with: nothing is claimed
         others = back.edges[alike] + row - back.edges[last]
         weight = back.jump[alike] / back.jump[last]
     elif back.period_s > 0:
@@ -140,15 +165,24 @@ def _returns(r: Array, row: int, length: int, step: float, t: Array, back: Recur
         weight = np.ones(others.size)
     else:
         return False
-    inside = (others >= 8) & (others + length + 8 < r.size)
-    others, weight = others[inside], weight[inside]
-    if others.size == 0:
-        return bool(near.size)
+    share = _shown(r, others, weight, length, float(own))
+    return _comes_back(share) if share.size else bool(near.size)
+
+
+def _shown(r: Array, rows: NDArray[np.int64], weight: Array, length: int, own: float) -> Array:
+    """Shares of an outlier's size `own` that show at other rows, each in proportion to its weight."""
+    inside = (rows >= 8) & (rows + length + 8 < r.size)
+    rows, weight = rows[inside], weight[inside]
+    if rows.size == 0:
+        return np.empty(0)
     # an answer to the input may shift by a sample
-    shown = np.max(np.sign(own) * np.stack([_level(r, others + k, length) for k in (-1, 0, 1)]), axis=0)
-    shown = np.where(np.isfinite(shown), shown, 0.0)
-    size = abs(own) * weight
-    return bool(np.median(shown / size) > 0.25 or np.sum(shown > 0.5 * size) > max(1.0, 0.08 * others.size))
+    shown = np.max(np.sign(own) * np.stack([_level(r, rows + k, length) for k in (-1, 0, 1)]), axis=0)
+    return np.where(np.isfinite(shown), shown, 0.0) / (abs(own) * weight)
+
+
+def _comes_back(share: Array) -> bool:
+    """Whether what shows elsewhere is the same again."""
+    return bool(np.median(share) > 0.25 or np.sum(share > 0.5) > max(1.0, 0.08 * share.size))
 
 
 def _level(r: Array, rows: NDArray[np.int64], length: int) -> Array:

@@ -7,7 +7,7 @@ import pytest
 
 from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import in_place_of_one, without_one, without_stand_in
+from bayes_dea.mismatch.relabel import in_place_of_one, within, without_stand_in
 from bayes_dea.mismatch.weigh import Weighed
 
 
@@ -68,7 +68,7 @@ def test_an_effect_that_is_not_needed_is_left_out_again(diagnosed):
     q = np.concatenate([both.from_prior_coordinates(x[None])[0], right.q[model.dimension :]])
     fit = replace(right, problem=right.problem.with_model(both), q=q)
     found = Weighed(("series_resistance", "sensor_drift"), fit, 0.0, 0.1, 1e-6)
-    alone = without_one(found, "sensor_drift", result.base, model, noise_prior(result.assembled))
+    alone = within(found, result.base, model, noise_prior(result.assembled))
     assert alone.name == "series_resistance"
     assert alone.fit.objective == pytest.approx(right.objective, abs=0.5)
     assert alone.size_m > 1e-6

@@ -92,6 +92,27 @@ def test_a_single_row_at_the_only_edge_is_left_alone():
     assert found(r, back).tolist() == [2000]
 
 
+def test_at_an_only_edge_other_recordings_tell():
+    """One step down at the end: with the same step elsewhere, what shows there alone is a false reading."""
+    u = np.where(np.arange(3000) < 2000, 650.0, 0.0)
+    u[:200] = 0.0
+    back = recurrence(u, 0.0)
+    edge = int(back.edges[np.argmin(back.jump)])
+    rng = np.random.default_rng(7)
+    r = noise(3000, 0.3, rng)
+    r[edge] += 150e-6
+    others = [(noise(3000, 0.3, rng), back) for _ in range(3)]
+
+    def flagged(elsewhere):
+        rows = isolated_outliers(r, STEP * np.arange(3000), 4e-6, 0.3, back, elsewhere=elsewhere)
+        return list(np.flatnonzero(rows))
+
+    assert flagged(others) == [edge]
+    assert flagged(others[:1]) == []  # one other edge is too few to tell
+    answer = [(x + 100e-6 * (np.arange(3000) == edge), at) for x, at in others]
+    assert flagged(answer) == []  # it comes back: physics
+
+
 def test_what_is_no_fault_now_and_then_is_left_alone():
     _, back = wave()
     rng = np.random.default_rng(10)
