@@ -47,7 +47,7 @@ def paper(
     """
     from ..errors import InputError
     from ..paper.run import PaperSettings, chosen, redo_paper
-    from ..paper.store import PAPER_FILE, REPORT_FILE, terminal_summary
+    from ..paper.store import PAPER_FILE, REPORT_FILE, save_paper, terminal_summary
     from ..run_state import finished
 
     if resume and anew:
@@ -58,6 +58,6 @@ def paper(
         result = redo_paper(out, seed, settings, report, anew)
         result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
         report("drawing the page", 0, 1, str(out))
-        result.save(out)
+        save_paper(result, out, lambda *at: report("drawing the page", *at))
         finished(out)
     conclude(quiet, json_output, out / PAPER_FILE, terminal_summary(result.summary), out / REPORT_FILE)

@@ -77,7 +77,12 @@ def with_noise(record: Recording, paper: Printed, rng: np.random.Generator) -> R
 
 
 def third_cycle(record: Recording, paper: Printed, travel_m: float) -> Cycle:
-    """The third cycle by the paper's procedure (Section III.C).
+    """The third cycle by the paper's procedure (Section III.C)."""
+    return compression_cycle(record, paper, travel_m, 3)
+
+
+def compression_cycle(record: Recording, paper: Printed, travel_m: float, number: int) -> Cycle:
+    """A cycle by its number, from 1 on, by the paper's procedure for the third.
 
     Initial length: a straight line through the first 10 % of the loading path, where its force is zero. Engineering
     stress is force over area; true stress is that times the stretch.
@@ -86,8 +91,8 @@ def third_cycle(record: Recording, paper: Printed, travel_m: float) -> Cycle:
     assert height is not None
     assert area is not None
     stroke_s = travel_m / paper.compression["speed_m_per_s"].used
-    start = 4 * stroke_s
-    use = record.time_s >= start
+    start = 2 * (number - 1) * stroke_s
+    use = (record.time_s >= start) & (record.time_s <= start + 2 * stroke_s)
     time_s, x, f = (record.columns[c][use] for c in ("time_s", "position_m", "force_N"))
     loading = np.flatnonzero((time_s < start + stroke_s) & (f > CONTACT_N))
     zero = zero_force_position(x, f, loading, paper.compression["length_from_first"].used)

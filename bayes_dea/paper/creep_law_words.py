@@ -65,9 +65,10 @@ def paragraphs(
             f'Given recordings of the twelve rows, diagnose with hooke+gm3 says: "{rows.summary["statement"]}" '
             f"With one common time shape, so that nothing but the law differs between voltages: "
             f'"{common.summary["statement"]}" The single effect that takes most is {single} ({100 * share:.0f} % '
-            f"of what is missing, with one time shape {single_common}, {100 * share_common:.0f} %). That it stops "
-            f"short of a name is right: the recordings claim 4.7 um of white noise over many samples, the twelve "
-            f"rows behind them were fitted one by one and scatter by {scatter(V, x, laws[0]):.1f} % around the best "
+            f"of what is missing, with one time shape {single_common}, {100 * share_common:.0f} %). "
+            f"{_beside(rows, common)} {_judged(rows, common)}: the recordings claim 4.7 um of white noise over many "
+            f"samples, the twelve rows behind them were fitted one by one and scatter by "
+            f"{scatter(V, x, laws[0]):.1f} % around the best "
             f"smooth law (300 to 1200 V), and no physics explains a scatter of the tables. Reconstructed recordings "
             f"cannot carry a stronger verdict.",
             "voltage_law_verdict",
@@ -98,6 +99,32 @@ def paragraphs(
             f"softened the actuator.{asked}",
         ),
     )
+
+
+def _parts(d: Diagnosis) -> list[str]:
+    """Effects of the best hypothesis that has a name."""
+    named = [h["name"] for h in d.summary["hypotheses"] if h["name"] not in ("unknown", "none")]
+    return str(named[0]).split("+") if named else []
+
+
+def _beside(rows: Diagnosis, common: Diagnosis) -> str:
+    """What is named beside it, and whether that can be relied on."""
+    a, b = _parts(rows), _parts(common)
+    both = [name for name in a if name in b]
+    if set(a) == set(b):
+        return f"Both name {' and '.join(both)}."
+    once = [name for name in (*a, *b) if name not in both]
+    return (f"What is named beside the largest ({', '.join(once)} once each) changes from one reconstruction to the "
+            "next, and with another noise; only what comes back is to be considered at all.")
+
+
+def _judged(rows: Diagnosis, common: Diagnosis) -> str:
+    """What to think of the verdicts."""
+    short = [d.summary["verdict"] == "unknown" for d in (rows, common)]
+    if all(short):
+        return "That it stops short of a name is right"
+    return "That it gives a name goes further than such recordings allow" if not any(short) else (
+        "That it stops short of a name for one of them is right")
 
 
 def scatter(V: Array, x: Array, w: Weighed) -> float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
+
+from ..results import plain
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,5 @@ class Entry:
 
     def json(self) -> dict[str, Any]:
         """As in paper.json; non-finite numbers are None."""
-        return {k: _finite(v) for k, v in vars(self).items()}
-
-
-def _finite(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        content: dict[str, Any] = plain(vars(self))
+        return content

@@ -6,10 +6,12 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..priors import prior_folder
 from ..results import plain, read_json, write_json
 from .entry import Entry
 from .section import Paragraph, Section
@@ -18,6 +20,8 @@ FOLDER = "sections"
 _HERE = Path(__file__).parent
 #: modules of this folder that hand sections on and change none of their numbers
 _CARRIERS = frozenset({"run.py", "store.py", "worker.py", "kept.py"})
+#: parts of the package whose numbers the sections stand on
+_BELOW = ("bench", "campaign", "comparison", "design", "fit", "likelihood", "mismatch", "models", "noise")
 
 
 def path_of(out: Path, name: str) -> Path:
@@ -26,10 +30,25 @@ def path_of(out: Path, name: str) -> Path:
 
 
 def key_of(name: str, seed: int, source: Path | None) -> str:
-    """What a kept section depends on: version, seed, its module `source`, what the sections share, printed values."""
+    """What a kept section depends on: version, seed, its module `source`, what the sections share, printed values,
+    the parts of the package below them and the priors."""
     digest = hashlib.sha256(json.dumps([__version__, name, seed]).encode())
     shared = [p for p in _HERE.iterdir() if p.suffix == ".py" and p.name not in _CARRIERS]
     for path in [*sorted(shared), *data_files(), *([source] if source is not None else [])]:
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    digest.update(_below().encode())
+    return digest.hexdigest()
+
+
+@cache
+def _below() -> str:
+    """SHA-256 of the modules that sections call, once a process: some hundred small files."""
+    root = _HERE.parent
+    files = [*root.glob("*.py"), *(p for part in _BELOW for p in (root / part).rglob("*.py"))]
+    files += list(prior_folder().glob("*.toml"))
+    digest = hashlib.sha256()
+    for path in sorted(files):
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()

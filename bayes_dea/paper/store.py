@@ -15,6 +15,7 @@ from .section import Section
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..report.style import Report
     from .run import Paper
 
 PAPER_FILE = "paper.json"
@@ -81,12 +82,15 @@ def statement(n: Mapping[str, int], misprints: int = 0, lost: int = 0) -> str:
     return f"{first} Of the others {said}." if said else first
 
 
-def save_paper(paper: Paper, out: Path) -> Path:
-    """Write paper.json and report.html into a folder that holds the sections; returns it."""
+def save_paper(paper: Paper, out: Path, report: Report | None = None) -> Path:
+    """Write paper.json and report.html into a folder that holds the sections; returns it.
+
+    report: called with (done, of, text) as the page is drawn.
+    """
     from ..report.paper_page import write_paper_page
 
     write_json(out / PAPER_FILE, paper.summary)
-    write_paper_page(out)
+    write_paper_page(out, report)
     return out
 
 

@@ -86,7 +86,7 @@ def claims(sets: dict[str, Optimised], as_printed: Optimised) -> list[Entry]:
             "Figure 11",
             "as identified, GKV is further from the data than GM (from 600 V up)",
             worse > 1.0,
-            "below 700 V the un-optimised GM is as far off, because displacement does not go as V^2",
+            "where the un-optimised GM is as far off, it is because displacement does not go as V^2",
         )
     )
     for m in MODELS:
@@ -126,7 +126,7 @@ def small_damper(sets: dict[str, Optimised], small: Optimised) -> list[Entry]:
                 None,
                 "1",
                 ok,
-                "" if ok else "a damper of 1e8 Pa s slows GKM down for minutes at low voltage",
+                "" if ok else "a damper of 100 MPa s and more slows GKM down for minutes at low voltage",
             )
         )
     return out
@@ -161,7 +161,7 @@ def smooth_entries(law: SmoothLaw, curves: dict[str, Any]) -> list[Entry]:
         sd = curves["bumps_sd"] if name == "smooth" else None
         out.append(
             Entry(
-                "Figure 14",
+                "Section IV.C",
                 f"bumpiness of displacement against voltage, {curves['titles'][name]} (total "
                 "variation of the slope over its span; 1: none)",
                 None,
@@ -177,7 +177,7 @@ def smooth_entries(law: SmoothLaw, curves: dict[str, Any]) -> list[Entry]:
     close = bool(np.max(np.abs(off[2:])) < 0.02)
     out.append(
         Entry(
-            "Table SVII",
+            "Table SVII, replaced",
             "smooth posterior: largest error of the displacement at 30 s, 300 to 1200 V",
             0.0,
             float(np.max(np.abs(off[2:]))),

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 FIGURES = {"gm": "Figure 13", "gkv": "Figure 14", "gkm": "Figure 15", "gkm2": "Figure 15", "stsp": "Figure 16"}
 #: gkm2: the bounds of d_0 read as Pa s
 NAMES = TITLES | {"gkm2": "GKM (d_0 up to 1e4 Pa s)", "stsp": "StSp"}
-#: a fall of R^2 by more counts as a difference
+#: R^2 that are closer count as the same
 SAME = 0.01
 #: 10 Hz counts as repaired where R^2 comes within this of that at 0.1 Hz
 REPAIRED = 0.05
@@ -100,7 +100,7 @@ def claims(waves: tuple[WaveRecording, ...], table: dict[str, Array], answers: l
         for kind in ("avg", "look-up"):
             by = by_signal(waves, table[f"{m} {kind}"])
             better = sum(
-                by["sine", x] > by["rectangle", x] and by["triangle", x] > by["rectangle", x] for x in f[:upto]
+                all(by[s, x] > by["rectangle", x] - SAME for s in ("sine", "triangle")) for x in f[:upto]
             )
             text = "at every frequency" if upto == 3 else "except at 10 Hz"
             out.append(
@@ -108,7 +108,7 @@ def claims(waves: tuple[WaveRecording, ...], table: dict[str, Array], answers: l
                     FIGURES[m],
                     f"{NAMES[m]} {kind} is better for sine and triangle than for the rectangle, {text}",
                     "yes",
-                    f"at {better} of {upto} frequencies",
+                    f"at {better} of {upto} frequencies (ties within {SAME:g} counted for it)",
                     None,
                     "1",
                     better == upto,

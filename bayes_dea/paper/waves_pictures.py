@@ -19,13 +19,17 @@ Array = NDArray[np.float64]
 
 
 def draw(
-    model: str, waves: tuple[WaveRecording, ...], answers: list[dict[str, Array]], table: dict[str, Array]
+    model: str,
+    waves: tuple[WaveRecording, ...],
+    answers: list[dict[str, Array]],
+    table: dict[str, Array],
+    bands: list[dict[str, Any]],
 ) -> dict:
     """Data of one figure."""
     keys = [k for k in table if k.split()[0] == model]
     extra = {"gkv": ["smooth, slow"], "gkm": ["gkm2 look-up"]}.get(model, [])
     panels = []
-    for i, (w, a) in enumerate(zip(waves, answers, strict=True)):
+    for i, (w, a, band) in enumerate(zip(waves, answers, bands, strict=True)):
         part = last_period(w)
         t = w.time_s[part] - w.time_s[part.start]
         rows = thin(t.size, 110)
@@ -36,6 +40,8 @@ def draw(
                 "data_um": listed(1e6 * w.displacement_m[part][rows], 4),
                 "curves": {k: listed(1e6 * a[k][part][rows], 4) for k in keys + extra},
                 "r2": {k: float(table[k][i]) for k in keys + extra},
+                "low_um": listed(1e6 * band["low"][part][rows], 4),
+                "high_um": listed(1e6 * band["high"][part][rows], 4),
             }
         )
     return {"model": NAMES[model], "panels": panels}

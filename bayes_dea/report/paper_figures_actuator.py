@@ -265,9 +265,11 @@ def _waves(d: dict[str, Any]) -> Picture:
         for key, values in p["curves"].items():
             colour, style, label = _CURVES[key.split()[-1]]
             if key.startswith("gkm2"):
-                colour, style, label = GREEN, "-", "look-up, d₀ up to 10⁴ Pa s"
+                colour, style, label = ORANGE, "-", "look-up, d₀ up to 10⁴ Pa s"
             ax.plot(t, values, color=colour, linestyle=style, linewidth=1.0, label=label)
             scores.append(f"{p['r2'][key]:.2f}")
+        ax.fill_between(t, p["low_um"], p["high_um"], color=GREEN, alpha=0.6, linewidth=0.8, zorder=1,
+                        label="posterior with delay and resistor, 90 %")
         ax.set_title(f"{p['name']}\nR² " + ", ".join(scores).replace("-", "−"), fontsize=8)
         ax.set_ylim(-20, 290)
         if i >= 6:
@@ -276,7 +278,7 @@ def _waves(d: dict[str, Any]) -> Picture:
             ax.set_ylabel("displacement (µm)")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.tight_layout(rect=(0, 0, 1, 0.95))
-    figure.legend(handles, labels, loc="upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="upper center", ncols=len(labels), fontsize=8, columnspacing=1.0)
     return picture(figure, "", f"{d['model']}: last period of nine validation signals, recorded and simulated")
 
 

@@ -122,41 +122,49 @@ def _static_stroke(data: dict[str, Any]) -> Picture:
 
 
 def _static_pays(data: dict[str, Any]) -> Picture:
-    figure = new_figure(2.7)
-    left, right = figure.subplots(1, 2)
+    figure = new_figure(3.0)
+    left, middle, right = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1.7, 1.0, 1.0]})
     strain = 100 * np.array(data["strain"])
-    for key, color, line, label in (("sensor", BLUE, "-", "scatter of the sensors"),
-                                    ("loop", VERMILLION, "--", "loop as an error")):
+    for key, color, line, label in (("sensor", BLUE, "-", "evidence, scatter of the sensors"),
+                                    ("loop", VERMILLION, "--", "evidence, loop as an error")):
         left.plot(strain, data[key], color=color, linestyle=line, label=label)
         start = data[f"{key}_from"]
         if start is not None:
             left.plot([100 * start], [data["pays"]], "o", color=color, markersize=4)
-            left.annotate(f"{100 * start:.1f} %", (100 * start, data["pays"]), textcoords="offset "
-                                                                                          "points", xytext=(5, -11),
-                          color=color, fontsize=8)
+            left.annotate(f"{100 * start:.1f} %", (100 * start, data["pays"]), textcoords="offset points",
+                          xytext=(4, -11), color=color, fontsize=8)
+    seen = data["held_out"]
+    left.errorbar(100 * np.array(seen["strain"]), seen["difference"], yerr=2 * np.array(seen["se"]), color=GREEN,
+                  fmt="s", markersize=3, linewidth=1.0, label="third cycle foretold")
     left.axhline(data["pays"], color="#aaaaaa", linewidth=0.8)
     left.axhline(0.0, color="#aaaaaa", linewidth=0.8, linestyle=":")
     left.set_yscale("symlog", linthresh=10.0)
-    ticks = [-10, 0, 10, 100, 1000, 10000, 100000]
+    ticks = [-100, -10, 0, 10, 100, 1000, 10000, 100000]
     left.set_yticks(ticks, [tick_text(t) for t in ticks])
-    left.set_ylim(-12, None)
+    left.set_ylim(-150, 1e9)
+    left.set_xlim(0, 25)
     left.set_xlabel("end of the test (% compression)")
-    left.set_ylabel("log evidence, Yeoh over Hooke")
-    left.legend(loc="upper left")
-    right.plot(strain, 1e-3 * np.array(data["gap_Pa"]), color=BLACK, label="best line from Yeoh, at most")
-    right.axhline(1e-3 * data["scatter_Pa"], color=BLUE, linewidth=1.0, label="scatter of one row")
-    right.axhline(1e-3 * data["loop_Pa"], color=VERMILLION, linestyle="--", linewidth=1.0, label="half of the loop")
-    right.set_xlabel("end of the test (% compression)")
-    right.set_ylabel("stress (kPa)")
+    left.set_ylabel("Yeoh over Hooke (nats)")
+    left.legend(loc="upper left", fontsize=7.5)
+    middle.step(100 * np.array([0.0, *seen["row_strain"]]), [seen["per_row"][0], *seen["per_row"]], color=GREEN)
+    middle.axhline(0.0, color="#aaaaaa", linewidth=0.8, linestyle=":")
+    middle.set_xlim(0, 25)
+    middle.set_xlabel("strain of the row (%)")
+    middle.set_title("foretold, nats a row", fontsize=9)
+    right.plot(strain, 1e-3 * np.array(data["gap_Pa"]), color=BLACK, label="line from Yeoh")
+    right.axhline(1e-3 * data["scatter_Pa"], color=BLUE, linewidth=1.0, label="scatter of a row")
+    right.axhline(1e-3 * data["loop_Pa"], color=VERMILLION, linestyle="--", linewidth=1.0, label="half the loop")
+    right.set_xlabel("end of the test (%)")
+    right.set_title("stress (kPa)", fontsize=9)
     right.set_ylim(0, None)
-    right.legend(loc="upper left")
-    figure.tight_layout(w_pad=1.5)
+    right.set_xlim(0, 25)
+    right.legend(loc="upper left", fontsize=7.5)
+    figure.tight_layout(w_pad=1.0)
     return picture(
         figure,
-        "Evidence for Yeoh's law over Hooke's (left; grey: odds of twenty to one) and how far the best straight line "
-        "is from "
-        "the Yeoh curve (right), for a test up to the strain on the axis.",
-        "Log evidence and largest distance against the end of the test.",
+        "Evidence for Yeoh's law over Hooke's and prediction of a held-out cycle (left; grey: odds of twenty to one), "
+        "the latter by strain (middle), and how far the best straight line is from the Yeoh curve (right).",
+        "Log evidence, log predictive density and largest distance against the end of the test.",
     )
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
 from ..results import read_json, write_atomic
 from . import digits
-from .style import Picture, looks
+from .style import Picture, Report, drawn, looks
 from .templating import environment
 
 _TEMPLATE = "paper.html.j2"
@@ -31,26 +32,64 @@ _LONG = 60
 _BESIDE_ROWS = 16
 #: values of one quantity at this many voltages or more make a column of a grid, of which so many stand in one
 _SERIES, _COLUMNS = 5, 5
+#: columns of a grid that fits in half a page
+_NARROW = 4
 _MOST_DIGITS = 5
+#: ratio of ours and printed from which they are not written with the same power of ten
+_FAR = 1e4
 #: its entries are about the paper's slips, each explained in its own paragraph
 _SLIPS = "misprints"
+
+#: places among the figures: tables and results after the figure they belong to, methods before, conclusions after
+_PLACES = {
+    "Section III.C": 1.3, "Section III.D": 1.4, "Section III.E": 1.5, "Section III.F": 1.6,
+    "Section IV.A": 6.2, "Table SIV": 6.5, "Section IV.B": 7.2, "Table SVI": 7.5, "Table SVII": 8.5,
+    "Table SVIII": 9.5, "Tables SVII and SVIII": 9.6, "Section IV.C": 12.5, "Table SVII, replaced": 12.7,
+    "Section IV.D": 16.7, "Table II": 17.0, "Section V": 20.0, "Section VI": 30.0,
+}  # fmt: skip
+#: what the paper numbers, by the paragraphs here that redo it; without any, why not
+_NUMBERED: tuple[tuple[str, str, tuple[str, ...], str], ...] = (
+    ("Figures 1 to 5", "the actuator, polymer chains, schematic curves, networks, the test bench", (),
+     "drawings and a photograph: nothing to redo"),
+    *((f"Figure {n}", what, (f"Figure {n}",), "") for n, what in (
+        (6, "compression and the six laws"), (7, "relaxation"), (8, "creep, GKV"), (9, "creep, state space"),
+        (10, "optimised GM"), (11, "optimised GKV"), (12, "optimised GKM"), (13, "validation of GM"),
+        (14, "validation of GKV"), (15, "validation of GKM"), (16, "validation of the state space"))),
+    ("Figures S1, S2", "creep at all voltages, GKV and state space", ("Figure 8", "Figure 9"), ""),
+    ("Figures S3 to S5", "optimisation at all voltages", ("Figure 10", "Figure 11", "Figure 12"), ""),
+    ("Table I", "the four dynamic models", ("Item 33",), ""),
+    ("Table II", "computation time", ("Table II",), ""),
+    ("Table SI", "static laws", ("Item 8",), ""),
+    ("Table SII", "dynamic models", ("Item 11", "Item 12", "Item 13"), ""),
+    ("Tables SIII, SV", "the two actuators", ("Item 1", "Item 3", "Item 4"), ""),
+    ("Table SIV", "parameters of the static laws", ("Table SIV",), ""),
+    ("Table SVI", "parameters of GM", ("Table SVI",), ""),
+    ("Table SVII", "parameters of GKV", ("Table SVII", "Table SVII, replaced"), ""),
+    ("Table SVIII", "matrices of the state space", ("Table SVIII",), ""),
+    ("Tables SIX, SX", "what was simulated with", ("Item 2", "Item 5", "Item 14", "Item 34"), ""),
+)  # fmt: skip
 
 _LETTERS = {"tau": "τ", "eta": "η", "mu": "µ", "alpha": "α", "sigma": "σ", "epsilon": "ε", "eps": "ε", "beta": "β"}
 _GREEK = re.compile(rf"\b({'|'.join(_LETTERS)})(?=_\d\b)")
 _INDEX = re.compile(r"(?<![A-Za-z0-9_])([A-Za-zτηµασεβ])_(\d{1,2})(?![A-Za-z0-9_])")
 _POWER = re.compile(r"(?<=[A-Za-z0-9₀-₉)])\^(-?\d+)(?!\.?\d)")
 _ABOUT = re.compile(r"\+-(?=\s?\d)")
-_AT_VOLTAGE = re.compile(r"^(.*?),?\s+at (\d+) V(.*)$")
-_OF_SIGNAL = re.compile(r"^(.*?), ((?:rectangle|triangle|sine) [\d.]+ Hz)(.*)$")
+_EXPONENT = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?\d+)\b")
+_AREA = re.compile(r"(?<=[ /])(m|mm)([23])\b")
+_NEGATIVE = re.compile(r"(?<=[\s(:,])-(?=\d)")
+_UNIT = re.compile(r"(?<=[\d⁰¹²³⁴⁵⁶⁷⁸⁹]) (?=(?:%|[munµ]?m|[kM]?Pa|k?Hz|V|m?s|N|nats?|[kM]?Ω|sd)(?![\w-]))")
+_AT_VOLTAGE = re.compile(r"^(.*?),?\s+at (\d+)\sV(.*)$")
+_OF_SIGNAL = re.compile(r"^(.*?), ((?:rectangle|triangle|sine) [\d.]+\sHz)(.*)$")
 _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def write_paper_page(folder: Path) -> Path:
+def write_paper_page(folder: Path, report: Report | None = None) -> Path:
     """Draw report.html from paper.json and sections/*.json in `folder` and return its path.
 
-    Raises InputError where one of them is missing or not whole.
+    report: called with (done, of, text) as sections are drawn. Raises InputError where one of them is missing or not
+    whole.
     """
     try:
         summary = read_json(folder / "paper.json")
@@ -58,7 +97,7 @@ def write_paper_page(folder: Path) -> Path:
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: no whole redone paper ({error!r}); run bayes-dea paper again") from error
     with looks():
-        parts = [_part(s) for s in sections]
+        parts = list(drawn({s["name"]: partial(_part, s) for s in sections}, report).values())
     rows = [_row(e) for part in sections if part["name"] != _SLIPS for e in part["entries"]]
     slips = [kind_of(e) for part in sections if part["name"] == _SLIPS for e in part["entries"]]
     html = environment().get_template(_TEMPLATE).render(
@@ -67,6 +106,7 @@ def write_paper_page(folder: Path) -> Path:
         statement=_words(summary["statement"]),
         parts=parts,
         contents=[_contents(p) for p in parts],
+        numbered=_numbered(parts),
         balance=[_balance(s) for s in summary["sections"]],
         bar=_bar(summary["counts"]),
         differing=_reasons([r for r in rows if r["kind"] == "differ"]),
@@ -98,7 +138,17 @@ def _words(text: str) -> str:
     text = _GREEK.sub(lambda m: _LETTERS[m[1]], digits.page_text(text))
     text = _INDEX.sub(lambda m: m[1] + m[2].translate(_SUBSCRIPT), text)
     text = _ABOUT.sub("±", text)
+    text = _EXPONENT.sub(_in_tens, text)
+    text = _AREA.sub(lambda m: m[1] + m[2].translate(_SUPERSCRIPT), text)
+    text = _NEGATIVE.sub("−", text)
+    text = _UNIT.sub("\u00a0", text)
     return _POWER.sub(lambda m: m[1].translate(_SUPERSCRIPT), text)
+
+
+def _in_tens(found: re.Match[str]) -> str:
+    """1e4 as 10⁴, 8.854e-12 as 8.854×10⁻¹²."""
+    head = "" if float(found[1]) == 1 else f"{found[1]}×"
+    return f"{head}10{str(int(found[2])).translate(_SUPERSCRIPT)}"
 
 
 def _part(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,12 +171,33 @@ def _part(section: Mapping[str, Any]) -> dict[str, Any]:
     others: dict[str, list[Mapping[str, Any]]] = {}
     for e in left:
         others.setdefault(e["where"], []).append(e)
+    for k, (where, entries) in enumerate(others.items()):
+        paragraphs.append({
+            "id": f"{section['name']}-{len(section['paragraphs']) + k + 1}",
+            "number": where,
+            "title": _words("; ".join(e["entry"] for e in entries[:2])),
+            "texts": [],
+            "picture": None,
+            "table": _table(entries),
+        })  # fmt: skip
     return {
         "name": section["name"],
         "title": _words(section["title"]),
-        "paragraphs": paragraphs,
-        "others": [{"number": where, "table": _table(entries)} for where, entries in others.items()],
+        "paragraphs": sorted(paragraphs, key=lambda p: _place(p["number"])),
+        "entries": section["entries"],
     }
+
+
+def _place(number: str) -> float:
+    """Where the paper has it: sections by their letter, results in the order of the figures, tables after theirs.
+
+    What has no place of its own (an item of the misprints) stays where it is among its like.
+    """
+    if figures := re.findall(r"\d+", number) if number.startswith("Figure") else []:
+        return float(figures[-1]) + 0.5 * (len(figures) - 1)
+    if number in _PLACES:
+        return _PLACES[number]
+    return 0.0 if number.startswith("Eqs.") else 1000.0 if number == "Next experiment" else 500.0
 
 
 def _belongs(entry: Mapping[str, Any], number: str) -> bool:
@@ -156,6 +227,9 @@ def _picture(paragraph: Mapping[str, Any], data: Mapping[str, Any]) -> Picture |
 def _row(e: Mapping[str, Any], scale: digits.Scale | None = None) -> dict[str, Any]:
     """An entry as it stands in a table: numbers of one scale, as many digits as they carry."""
     numbers = _numbers(e)
+    sizes = [abs(v) for v in numbers if v]
+    if scale is None and e["unit"] in ("1", "") and sizes and max(sizes) > _FAR * min(sizes):
+        scale = digits.Scale(1.0, "")  # no power of ten suits both
     scale = scale or digits.scale_for(next((v for v in numbers if v), None), e["unit"])
     sd = e["ours_sd"] if digits.is_number(e["ours_sd"]) and e["ours_sd"] > 0 else None
     kind = kind_of(e)
@@ -232,9 +306,12 @@ def _table(entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     wordy = len(rows) > 1 and any(r["words"] and len(r["entry"] + r["printed"] + r["ours"]) > _LONG for r in rows)
     half = -(-len(rows) // 2)
     split = len(rows) > _BESIDE_ROWS and not any(r["words"] or len(r["why"]) > _LONG for r in rows)
+    grids = _grids(series, marks)
     return {
         "halves": [rows[:half], rows[half:]] if split else [rows] if rows else [],
-        "grids": _grids(series, marks),
+        "grids": grids,
+        # a grid that fits below the text, beside its picture
+        "narrow": len(grids) == 1 and len(grids[0]["columns"]) <= _NARROW,
         "unit": any(r["unit"] for r in rows),
         "words": any(r["words"] for r in rows),
         "notes": [(mark, _words(_merged(reasons[k]))) for k, mark in marks.items()],
@@ -330,6 +407,17 @@ def _contents(part: Mapping[str, Any]) -> dict[str, Any]:
     return {"name": part["name"], "title": part["title"],
             "items": [(p["id"], p["number"], p["title"]) for p in part["paragraphs"]],
             "long": len(part["paragraphs"]) > _BESIDE_ROWS}  # fmt: skip
+
+
+def _numbered(parts: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """What the paper numbers and where it is on this page; only what is there, and what never is."""
+    at: dict[str, str] = {}
+    for part in parts:
+        for p in part["paragraphs"]:
+            at.setdefault(p["number"], p["id"])
+    rows = [{"number": n, "what": what, "links": [(at[k], k) for k in keys if k in at], "why": why}
+            for n, what, keys, why in _NUMBERED]  # fmt: skip
+    return [r for r in rows if r["links"] or r["why"]]
 
 
 def _balance(section: Mapping[str, Any]) -> dict[str, Any]:

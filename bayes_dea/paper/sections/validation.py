@@ -76,7 +76,8 @@ def run(task: Task) -> Section:
         *diagnosis_entries(verdicts),
     )
     pictures: dict[str, Any] = {
-        FIGURES[m].lower().replace(" ", "_"): draw(m, waves, answers, table) for m in ("gm", "gkv", "gkm", "stsp")
+        FIGURES[m].lower().replace(" ", "_"): draw(m, waves, answers, table, bands)
+        for m in ("gm", "gkv", "gkm", "stsp")
     }
     pictures["waves_repaired"] = draw_repaired(waves, answers, mended, bands)
     pictures["waves_r2"] = {
@@ -94,7 +95,7 @@ def run(task: Task) -> Section:
     return Section(
         "validation",
         "Validation with nine signals",
-        paragraphs(waves, table, after, answers, verdicts),
+        paragraphs(waves, table, after, answers, verdicts, sets["gm"]),
         entries,
         pictures,
         warnings,
