@@ -25,6 +25,8 @@ _RUN, _REACH, _AROUND = 3, 60, 6
 _AHEAD, _AT_EDGE = 2, 8
 #: share of its size that a reading must stand away from the straight continuations of either side
 _KINK = 0.35
+#: a step as large as another, in shares of that
+_AS_LARGE = 0.9
 #: how often larger than the largest but one of its neighbours an outlier must be
 _CONTRAST = 2.5
 #: rows put before the first and behind the last
@@ -73,7 +75,8 @@ def isolated_outliers(
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size in the middle of the others, or half of it in a twelfth of them. In the first 8 rows after an
       edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
-      than two of these, nothing is flagged.
+      than two of these, nothing is flagged. What lies on the side where the reading was before the edge (late) is
+      held against steps at least as large only.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
@@ -144,7 +147,7 @@ def _returns(
     near = np.flatnonzero((lag >= -_AHEAD - length) & (lag < _REACH))
     if near.size:
         last = near[np.argmin(np.abs(lag[near]))]
-        alike = np.flatnonzero(np.sign(back.jump) == np.sign(back.jump[last]))
+        alike = np.flatnonzero(_alike(back.jump, float(back.jump[last]), float(own)))
         alike = alike[alike != last]
         if alike.size == 0:
             if lag[last] >= _AT_EDGE:
@@ -152,7 +155,7 @@ def _returns(
             found = [
                 _shown(x, at.edges[same] + lag[last], at.jump[same] / back.jump[last], length, float(own))
                 for x, at in elsewhere
-                for same in [np.sign(at.jump) == np.sign(back.jump[last])]
+                for same in [_alike(at.jump, float(back.jump[last]), float(own))]
             ]
             share = np.concatenate([np.empty(0), *found])
             return share.size < 2 or _comes_back(share)  # nothing to compare with: nothing is claimed
@@ -167,6 +170,16 @@ def _returns(
         return False
     share = _shown(r, others, weight, length, float(own))
     return _comes_back(share) if share.size else bool(near.size)
+
+
+def _alike(jumps: Array, jump: float, own: float) -> NDArray[np.bool_]:
+    """Edges at which an answer to an edge would show again: of its direction.
+
+    What is late may be so because a limit was reached (a supply of limited current), which a smaller step does not
+    reach: it is held against steps as large only. Nothing goes too far because of a limit.
+    """
+    same = np.sign(jumps) == np.sign(jump)
+    return np.asarray(same & (np.abs(jumps) >= _AS_LARGE * abs(jump)) if own * jump < 0 else same)
 
 
 def _shown(r: Array, rows: NDArray[np.int64], weight: Array, length: int, own: float) -> Array:

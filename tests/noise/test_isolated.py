@@ -113,6 +113,21 @@ def test_at_an_only_edge_other_recordings_tell():
     assert flagged(answer) == []  # it comes back: physics
 
 
+def test_what_a_limit_delays_at_the_largest_step_alone_is_physics():
+    """A supply of limited current is late at a step of 1,200 V and in time at 800 V."""
+    u = np.zeros(6000)
+    for k in range(5):
+        u[500 + 800 * k : 900 + 800 * k] = 800.0
+    u[5000:] = 1200.0
+    back = recurrence(u, 0.0)
+    edge = int(back.edges[np.argmax(back.jump)])
+    for sign in (-1.0, 1.0):
+        r = noise(6000, 0.3, np.random.default_rng(8))
+        r[edge] += sign * 80e-6
+        # what goes too far is no limit's doing, and would show at smaller steps too
+        assert list(found(r, back, 0.3)) == ([] if sign < 0 else [edge])
+
+
 def test_what_is_no_fault_now_and_then_is_left_alone():
     _, back = wave()
     rng = np.random.default_rng(10)
