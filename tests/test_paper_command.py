@@ -295,7 +295,7 @@ def test_counts_take_no_circular_entry_for_an_agreement():
     assert "2 were put in" in text
     assert "did not come back" not in text
     text = statement(n, misprints=1, lost=1)
-    assert "(1 of them a misprint of the paper)" in text
+    assert "(1 of them a misprint or a number that cannot be what it is called)" in text
     assert "(1 of them did not come back)" in text
 
 

@@ -77,8 +77,9 @@ def statement(n: Mapping[str, int], misprints: int = 0, lost: int = 0) -> str:
     said = "; ".join(r for r in rest if r)
     first = f"Of {sum(n.values())} values and conclusions {compared} can be compared with what is printed: " \
             f"{n['agree']} agree{'s' * one['agree']}, {n['differ']} differ{'s' * one['differ']}"
-    kind = "a misprint" if misprints == 1 else "misprints"
-    first += f" ({misprints} of them {kind} of the paper)." if misprints else "."
+    kind = "a misprint or a number" if misprints == 1 else "misprints or numbers"
+    taken = "it is" if misprints == 1 else "they are"
+    first += f" ({misprints} of them {kind} that cannot be what {taken} called)." if misprints else "."
     return f"{first} Of the others {said}." if said else first
 
 
