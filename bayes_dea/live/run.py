@@ -27,6 +27,7 @@ from .learner import Learner, LearnerSettings, Session, Update
 from .reader import Batch, Reader
 from .sequential import SequentialSettings
 from .setup import Bench, read_bench, read_device
+from .shield import shielded
 from .summary import beliefs, posterior_bytes
 
 LIVE_FILE = "live.json"
@@ -235,13 +236,15 @@ class _Run:
     def follow(self, reader: Reader, driver: Driver, stop: Callable[[], bool]) -> None:
         """Until the end of what is played, the duration, or `stop`."""
         while True:
-            self._drain(reader, driver, wait=True)
+            with shielded():  # rows between queue and posterior are in no result
+                self._drain(reader, driver, wait=True)
             if reader.error is not None:
                 raise reader.error
             if driver.error is not None:
                 raise driver.error
             if self.learner.ready():
-                self._learn()
+                with shielded():
+                    self._learn()
             self._look(reader)
             if stop() or (reader.ended.is_set() and self.settings.play):
                 return
