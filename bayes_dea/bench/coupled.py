@@ -90,6 +90,22 @@ def _static(e, p, W_most):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _towards(x, F, K, low, high):  # type: ignore[no-untyped-def]
+    """The next strain after Newton, kept between the strains known to be too small and too large.
+
+    The corner where softened material is stretched beyond what it has seen sends Newton's steps to and fro for ever.
+    """
+    if F > 0.0:
+        low = max(low, x)
+    else:
+        high = min(high, x)
+    new = x + F / K
+    if not low < new < high and abs(new - x) > 1e-15 and not math.isinf(low) and not math.isinf(high):
+        new = 0.5 * (low + high)
+    return new, low, high
+
+
+@njit(cache=True)
 def _sliders(e, e_from, held, p, yields):  # type: ignore[no-untyped-def]
     """Stress and tangent of the friction elements when the strain goes from `e_from` to `e`."""
     stress, tangent = 0.0, 0.0
@@ -280,7 +296,7 @@ def drive_coupled(time_s, command_V, p, k_Pa, tau_s, yields, tolerance, toleranc
                     memory += k_Pa[j] * keep[j] * q[j]
                 inertial = 4.0 * p.mass / (h * h)
                 x = e + half * velocity if p.mass > 0.0 else e
-                softer = 0.0
+                softer, low, high = 0.0, -math.inf, math.inf
                 for trial in range(60):
                     push = _maxwell(x, feed, middle, u, retained, polarised, p)[0]
                     if trial == 0:
@@ -294,7 +310,7 @@ def drive_coupled(time_s, command_V, p, k_Pa, tau_s, yields, tolerance, toleranc
                         F -= (p.d0 + p.mass_damper + p.d2 * abs(rate)) * rate
                         F -= inertial * (x - e) - p.mass * velocity / half
                         K += (p.d0 + p.mass_damper + 2.0 * p.d2 * abs(rate)) / half + inertial
-                    x += F / K
+                    x, low, high = _towards(x, F, K, low, high)
                     if abs(F) < 1e-12 * K:
                         break
                 _, volts, charge, kept, P = _maxwell(x, feed, middle, u, retained, polarised, p)
@@ -329,7 +345,7 @@ def drive_coupled(time_s, command_V, p, k_Pa, tau_s, yields, tolerance, toleranc
             for j in range(branches):
                 slope += k_Pa[j]
                 memory += k_Pa[j] * q[j]
-            x = e
+            x, low, high = e, -math.inf, math.inf
             for _ in range(60):
                 push = _maxwell(x, 0.0, supply, u, retained, polarised, p)[0]
                 more = _maxwell(x + 1e-6, 0.0, supply, u, retained, polarised, p)[0]
@@ -337,7 +353,7 @@ def drive_coupled(time_s, command_V, p, k_Pa, tau_s, yields, tolerance, toleranc
                 friction, loose = _sliders(x, e, held, p, yields)
                 F = push - factor * (static + slope * x - memory) - friction
                 K = factor * (tangent + slope) + loose - (more - push) * 1e6
-                x += F / K
+                x, low, high = _towards(x, F, K, low, high)
                 if abs(F) < 1e-12 * K:
                     break
             if p.slider_k > 0.0:
@@ -391,7 +407,7 @@ def press_coupled(time_s, imposed, p, k_Pa, tau_s, yields, longest_s):  # type: 
                 c[j] = 0.5 * h * rate
                 slope += k_Pa[j] / (1.0 + c[j])
                 memory += k_Pa[j] * ((1.0 - c[j]) * q[j] + c[j] * e) / (1.0 + c[j])
-            x = goal
+            x, low, high = goal, -math.inf, math.inf
             for trial in range(60):
                 static, tangent, _ = _static(x, p, W_most)
                 friction, loose = _sliders(x, e, held, p, yields)
@@ -406,7 +422,7 @@ def press_coupled(time_s, imposed, p, k_Pa, tau_s, yields, longest_s):  # type: 
                 if abs(sigma) < 1e-12 * K:
                     sigma = 0.0
                     break
-                x -= sigma / K
+                x, low, high = _towards(x, -sigma, K, low, high)
             for j in range(branches):
                 q[j] = ((1.0 - c[j]) * q[j] + c[j] * (e + x)) / (1.0 + c[j])
             if p.slider_k > 0.0:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from bayes_dea.bench.effects import ALL, DISTURBANCES, EFFECTS, checked, parse_effect, read_effects, truth_name
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan, plan_from_dict, plan_to_dict
@@ -295,3 +296,21 @@ def test_names_of_the_truth() -> None:
     assert truth_name({"sensor_lag": {"tau_s_s": 0.0}}) == "none"
     assert truth_name({"sensor_lag": {"tau_s_s": 0.1}, "leakage": nominal("leakage")}) == "leakage+sensor_lag"
     assert truth_name({"cyclic_error": nominal("cyclic_error")}) == "unknown:cyclic_error"
+
+
+@pytest.mark.parametrize("again", [1000.0, 1030.0, 1050.0, 1052.0, 1065.0, 1090.0])
+def test_softened_material_stretched_anew_balances_the_forces(again: float) -> None:
+    # a sharp corner where the strain exceeds what was seen: the balance is found there too, from any side
+    Y, share, m, b = 1.1e6, 0.18, 17.0, 0.08
+    mullins = {"mullins_softening": {"mullins_share": share, "mullins_m_Pa": m, "mullins_b": b}}
+    rig = Rig(Geometry(), Material(Y, (), ()), mullins)
+    x = rig.drive(np.arange(5.0), np.array([0.0, 1050.0, 250.0, again, 250.0]))
+    push = [float(rig.maxwell_stress(np.array(V))) for V in (1050.0, 250.0, again)]
+    most = 0.5 * Y * (push[0] / Y) ** 2
+
+    def balance(e: float, of: float) -> float:
+        W = 0.5 * Y * e * e
+        return Y * e * (1.0 - share * math.erf(max(most - W, 0.0) / (m + b * max(most, W)))) - of
+
+    wanted = [push[0] / Y, *(brentq(balance, 0.0, 0.2, (p,), xtol=1e-15) for p in push[1:])]
+    assert np.allclose(x[1:4] / STROKE, wanted, rtol=1e-8, atol=0)
