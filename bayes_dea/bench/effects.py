@@ -106,7 +106,8 @@ DISTURBANCES: dict[str, Entry] = {
                       {"stiffness_factor": 1.0},
                       "stiffness x factor from a moment in one recording (its number, part of its length) on"),
     "supply_droop": _E("electrical", {"droop_share": 0.03, "tau_droop_s": 20.0}, {"droop_share": 0.0},
-                       "the supply gives way: V - share V_slow, tau V_slow' = V - V_slow"),
+                       # with V_slow' = V - V_slow it would be the very equation of charge_retention
+                       "the supply gives way as it warms up: V (1 - share w), tau w' = (V/kV)^2 - w"),
     "output_backlash": _E("sensor", {"play_m": 4e-6}, {"play_m": 0.0},
                           "what is read follows the stack with play of this width"),
     "lost_contact": _E("sensor", {"lift_off_m": 40e-6}, {"lift_off_m": 0.0},

@@ -210,7 +210,8 @@ class Rig:
             from bayes_dea.bench.sensing import first_order
 
             p = self.effects["supply_droop"]
-            volts = volts - p["droop_share"] * first_order(time_s, volts, p["tau_droop_s"], 0.0)
+            warmth = first_order(time_s, (1e-3 * volts) ** 2, p["tau_droop_s"], 0.0)
+            volts = volts * (1.0 - p["droop_share"] * warmth)
         return volts
 
     def drive(self, time_s: Array, voltage_V: Array) -> Array:

@@ -221,6 +221,9 @@ def test_material_disturbances_have_their_signs() -> None:
     droop = Rig(Geometry(), STIFF, {"supply_droop": {"droop_share": 0.1, "tau_droop_s": 0.3}}).drive(TIME, EDGE)
     assert droop[-1] == pytest.approx(UNIT * 900.0**2, rel=1e-3)
     assert droop[101] == pytest.approx(UNIT * 1000.0**2, rel=1e-3)
+    # unlike retained charge it goes as the square of the level, and leaves nothing where the command is off
+    half = Rig(Geometry(), STIFF, {"supply_droop": {"droop_share": 0.1, "tau_droop_s": 0.3}}).drive(TIME, 0.5 * EDGE)
+    assert half[-1] == pytest.approx(UNIT * (500.0 * 0.975) ** 2, rel=1e-3)
     off = np.where(TIME > 1.5, 0.0, EDGE)
     slow = Rig(Geometry(), Material(), {"asymmetric_viscosity": {"unload_ratio": 8.0}}).drive(TIME, off)
     same = Rig(Geometry(), Material()).drive(TIME, off)

@@ -153,10 +153,11 @@ def serve(
 ) -> None:
     """Be the device until `stop` or for `seconds` (s of the world's clock).
 
-    speed: intervals of the device a second, over its rate; 0: as fast as the host reads, and the device's clock stands
-    still while no programme is played. Raises BayesDEAError where the pseudo-terminal cannot be opened again.
+    speed: intervals of the device a second, over its rate; above 1 its clock waits for a host that listens but cannot
+    follow. 0: as fast as the host reads, and the device's clock stands still while no programme is played. Raises
+    BayesDEAError where the pseudo-terminal cannot be opened again.
     """
-    began = heard = time.monotonic()
+    began = heard = spoken = time.monotonic()
     rate = machine.settings.rate_Hz
     passed = 0.0  # intervals that are due by the world's clock and have been produced
     waiting = bytearray(HEADER.encode())
@@ -169,7 +170,7 @@ def serve(
             said = port.read()
             now = time.monotonic()
             if said:
-                heard = now
+                heard = spoken = now
                 words += said
                 *lines, rest = words.split(b"\n")
                 words = bytearray(rest[-200:])
@@ -182,6 +183,8 @@ def serve(
                 due = int((now - began) * rate * speed - passed)
                 passed += due
                 while due > 0:
+                    if speed > 1 and len(waiting) >= _BUFFER and now - spoken < SILENCE_S:
+                        break  # only a clock that keeps the world's time goes on without its host
                     sent = machine.produce(min(due, _PORTION))
                     due -= min(due, _PORTION)
                     if len(waiting) < _BUFFER:
