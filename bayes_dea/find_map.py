@@ -1,10 +1,13 @@
-"""The maximum of the posterior: a particle swarm over what is nonlinear, then a Newton polish of everything.
+"""The maximum of the posterior: particle swarms over what is nonlinear, then a Newton polish of everything.
 
-With voltage recordings the swarm moves over the logarithms of the time constants, in quantiles of their prior; the
+With voltage recordings the swarms move over the logarithms of the time constants, in quantiles of their prior; the
 compliances are projected out: for each particle an inner Gauss-Newton iteration on their logarithms against the Gram
 sums, with a normal approximation of their prior. For a nonlinear law the same search on its linearisation gives the
-start. Without voltage recordings the swarm moves over relaxation times and zeros of position, the moduli projected
+start. Without voltage recordings the swarms move over relaxation times and zeros of position, the moduli projected
 out in the same way; where neither form holds (fixed parameters), over the whole prior box.
+
+A swarm finds the basin soon and contracts for long. So after a few iterations all are led down by Newton steps on the
+projected problem; when they end in one place the search is over, and those that end elsewhere go on.
 """
 
 from __future__ import annotations
@@ -16,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from .fit.descent import descend
 from .fit.polish import NewtonPolish, NewtonSettings, polish_newton
-from .fit.swarm import SwarmSettings, multi_swarm
+from .fit.swarm import SwarmSettings, multi_swarm, settled_swarms
 from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup
 from .likelihood.posterior import Posterior
@@ -30,6 +34,8 @@ from .search_clock import SearchClock
 _INNER_STEPS = 12
 #: searches, each with the noise that the one before ended with
 _ROUNDS = 3
+#: starts as near as this, by the curvature at the end of one of them, are one start
+_SAME_NATS = 0.01
 
 
 @dataclass(frozen=True)
@@ -37,11 +43,14 @@ class MapSettings:
     """swarms: independent runs that must agree; agreement: in nats; swarm: how each moves.
 
     rough: only the best swarm's end is polished, and that loosely: a start for another descent, which needs no proof.
+    first_look: iterations after which it is asked whether eight swarms stand in one basin already; then after twice
+    as many. Fewer swarms have more of them.
     """
 
     swarms: int = 8
     rough: bool = False
     agreement: float = 0.1
+    first_look: int = 8
     swarm: SwarmSettings = SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
 
 
@@ -59,70 +68,94 @@ class MapResult:
 
 
 class _Projection:
-    """Swarm objective over nonlinear coordinates with the logarithms of the linear coefficients projected out.
+    """Objective over nonlinear coordinates with the logarithms of the linear coefficients projected out.
 
-    mean, sd: normal approximation of the linear logarithms' prior, (p,).
+    They are projected out under a normal approximation of their prior given the nonlinear logarithms; what comes out
+    is weighed by the prior itself, or one of two maxima of a mode that is hardly seen may be taken for the other.
     """
 
-    def __init__(self, dimension: int, mean: NDArray, sd: NDArray):
-        self.dimension = dimension
-        self.mean, self.sd = mean, np.maximum(sd, 1e-6)
+    def __init__(self, scale: NDArray, nonlinear: NDArray, linear: NDArray):
+        """scale: (m,) lengths of the coordinates; prior draws of the nonlinear and linear logarithms (N, k), (N, p)."""
+        self.scale = scale
+        k = nonlinear.shape[1]
+        self.centre, self.mean = nonlinear.mean(axis=0), linear.mean(axis=0)
+        joint = np.atleast_2d(np.cov(np.concatenate([nonlinear, linear], axis=1).T)) + 1e-12 * np.eye(
+            k + linear.shape[1]
+        )
+        self.slope = np.linalg.solve(joint[:k, :k], joint[:k, k:])
+        self.precision = np.linalg.inv(joint[k:, k:] - joint[k:, :k] @ self.slope)
         self.evaluations = 0
 
-    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
-        """Normal equations H (B, p, p), g (B, p), y'y and log prior (B,) of the nonlinear part at points (B, m)."""
+    @property
+    def dimension(self) -> int:
+        """Number of nonlinear coordinates m."""
+        return len(self.scale)
+
+    def at(self, cube: NDArray) -> NDArray:
+        """Nonlinear coordinates (B, m) at quantiles of their prior (B, m)."""
+        raise TypeError("a projection defines its own coordinates")
+
+    def logarithms(self, x: NDArray) -> NDArray:
+        """The coordinates at x (B, m) that the linear coefficients depend on a priori, (B, k)."""
+        raise TypeError("a projection defines its own coordinates")
+
+    def equations(self, x: NDArray) -> tuple[NDArray, NDArray, float]:
+        """Normal equations H (B, p, p), g (B, p) and y'y at x (B, m)."""
         raise TypeError("a projection defines its own equations")
 
-    def solve(self, cube: NDArray) -> tuple[NDArray, NDArray]:
-        """Logarithms of the linear coefficients (B, p) and projected log posterior (B,)."""
-        H, g, yy, log_prior = self.equations(cube)
-        B = len(cube)
+    def log_prior(self, x: NDArray, a: NDArray) -> NDArray:
+        """Log prior (B,) at x (B, m) with the linear logarithms a (B, p)."""
+        raise TypeError("a projection defines its own prior")
+
+    def solve(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """Logarithms of the linear coefficients (B, p) and projected log posterior (B,) at x (B, m)."""
+        H, g, yy = self.equations(x)
+        B = len(x)
         self.evaluations += B
-        mean, sd = self.mean, self.sd
-        a = np.tile(mean, (B, 1))
-        value = self._objective(a, H, g, yy)
+        mean, precision = self.mean + (self.logarithms(x) - self.centre) @ self.slope, self.precision
+        a = mean.copy()
+        value = _fit(a, H, g, yy)
         damping = np.full(B, 1e-3)
-        eye = np.eye(len(sd))
+        eye = np.eye(len(precision))
         for _ in range(_INNER_STEPS):
             e = np.exp(a)
-            gradient = e * (g - np.einsum("bps,bs->bp", H, e)) - (a - mean) / sd**2
-            curvature = e[:, :, None] * H * e[:, None, :] + eye / sd**2
+            gradient = e * (g - np.einsum("bps,bs->bp", H, e)) - (a - mean) @ precision
+            curvature = e[:, :, None] * H * e[:, None, :] + precision
             diagonal = np.einsum("bpp->bp", curvature)
             curvature = curvature + damping[:, None, None] * eye * diagonal[:, None, :]
             step = np.clip(np.linalg.solve(curvature, gradient[:, :, None])[:, :, 0], -3, 3)
             trial = a + step
-            new = self._objective(trial, H, g, yy)
+            off = trial - mean
+            new = _fit(trial, H, g, yy) - 0.5 * np.einsum("bp,ps,bs->b", off, precision, off)
             better = new > value
             a = np.where(better[:, None], trial, a)
             value = np.where(better, new, value)
             damping = np.where(better, damping * 0.2, damping * 10)
-        return a, value + log_prior
+        with np.errstate(all="ignore"):
+            return a, _fit(a, H, g, yy) + self.log_prior(x, a)
 
-    def _objective(self, a: NDArray, H: NDArray, g: NDArray, yy: float) -> NDArray:
-        e = np.exp(np.clip(a, -300, 300))
-        quadratic = np.einsum("bp,bps,bs->b", e, H, e, optimize=True)
-        return -0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + quadratic) - 0.5 * np.sum(
-            ((a - self.mean) / self.sd) ** 2, axis=1
-        )
+
+def _fit(a: NDArray, H: NDArray, g: NDArray, yy: float) -> NDArray:
+    """Minus half the weighted squares left by coefficients exp(a), (B,)."""
+    e = np.exp(np.clip(a, -300, 300))
+    return -0.5 * (yy - 2 * np.einsum("bp,bp->b", g, e) + np.einsum("bp,bps,bs->b", e, H, e, optimize=True))
 
 
 class _Times:
-    """Unit cube to log time constants by their prior's quantiles, longest first; their log prior, approximately."""
+    """Unit cube to log time constants by their prior's quantiles, and in which order they stand."""
 
     def __init__(self, log_times: NDArray):
         self.sorted = np.sort(log_times, axis=0)
         self.grid = (np.arange(len(log_times)) + 0.5) / len(log_times)
-        self.mean, self.sd = log_times.mean(axis=0), log_times.std(axis=0)
 
     def at(self, cube: NDArray) -> NDArray:
         cube = np.clip(cube, 0, 1)
-        m = self.sorted.shape[1]
-        out = np.stack([np.interp(cube[:, j], self.grid, self.sorted[:, j]) for j in range(m)], axis=1)
-        # equal time constants make one column twice: keep them a part in a thousand apart
-        return -np.sort(-out, axis=1) - 1e-3 * np.arange(m)
+        return np.stack([np.interp(c, self.grid, s) for c, s in zip(cube.T, self.sorted.T, strict=True)], axis=1)
 
-    def log_prior(self, log_times: NDArray) -> NDArray:
-        return -0.5 * np.sum(((log_times - self.mean) / self.sd) ** 2, axis=1)
+    @staticmethod
+    def ordered(log_times: NDArray) -> NDArray:
+        """Longest first, and since equal time constants make one column twice, a part in a thousand apart."""
+        return -np.sort(-log_times, axis=1) - 1e-3 * np.arange(log_times.shape[1])
 
 
 class VoltageSearch(_Projection):
@@ -143,13 +176,21 @@ class VoltageSearch(_Projection):
         self.nonlinear = model.nonlinear_index()
         self.linear = np.setdiff1d(np.arange(model.dimension), self.nonlinear)
         self.times = _Times(z[:, self.nonlinear])
-        super().__init__(int(self.nonlinear.size), z[:, self.linear].mean(axis=0), z[:, self.linear].std(axis=0))
+        super().__init__(np.ones(self.nonlinear.size), z[:, self.nonlinear], z[:, self.linear])
 
-    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+    def at(self, cube: NDArray) -> NDArray:
         """See `_Projection`."""
-        B = len(cube)
+        return self.times.at(cube)
+
+    def logarithms(self, x: NDArray) -> NDArray:
+        """See `_Projection`."""
+        return self.times.ordered(x)
+
+    def equations(self, x: NDArray) -> tuple[NDArray, NDArray, float]:
+        """See `_Projection`."""
+        B = len(x)
         z = np.zeros((B, self.model.dimension))
-        log_T = z[:, self.nonlinear] = self.times.at(cube)
+        log_T = z[:, self.nonlinear] = self.times.ordered(x)
         T = np.exp(log_T)
         m = T.shape[1]
         unit = self.basis_group.vectors_of(np.zeros(B * m), np.ones((B * m, 1)), T.reshape(-1, 1)).reshape(B, m, -1)
@@ -158,14 +199,21 @@ class VoltageSearch(_Projection):
         feedthrough[:, 0, -1] = 1.0
         W = np.einsum("bkp,bkq->bpq", self.model.design(z), np.concatenate([feedthrough, unit], axis=1))
         H = np.einsum("bpq,qr,bsr->bps", W, self.M[:q, :q], W, optimize=True)
-        return H, W @ self.M[:q, -1], float(self.M[-1, -1]), self.times.log_prior(log_T)
+        return H, W @ self.M[:q, -1], float(self.M[-1, -1])
 
-    def coordinates(self, cube: NDArray) -> NDArray:
-        """Coordinates (B, d) of the model at points of the cube."""
-        z = np.empty((len(cube), self.model.dimension))
-        z[:, self.nonlinear] = self.times.at(cube)
-        z[:, self.linear] = self.solve(cube)[0]
+    def log_prior(self, x: NDArray, a: NDArray) -> NDArray:
+        """See `_Projection`."""
+        return self.model.log_prior(self._joined(x, a))
+
+    def _joined(self, x: NDArray, a: NDArray) -> NDArray:
+        z = np.empty((len(x), self.model.dimension))
+        z[:, self.nonlinear] = self.times.ordered(x)
+        z[:, self.linear] = a
         return z
+
+    def coordinates(self, x: NDArray) -> NDArray:
+        """Coordinates (B, d) of the model at x (B, m)."""
+        return self._joined(x, self.solve(x)[0])
 
 
 class MechanicalSearch(_Projection):
@@ -193,23 +241,35 @@ class MechanicalSearch(_Projection):
         self.damped = model.spec.network == "gkm"
         self.names = ["Y_Pa", *(f"k_{i}_Pa" for i in range(1, n + 1)), *(["d0_Pa_s"] if self.damped else [])]
         logs = np.log(np.stack([values[name] for name in self.names], axis=1))
-        self.times = _Times(np.log(np.stack([values[f"tau_{i}_s"] for i in range(1, n + 1)], axis=1))) if n else None
+        times = np.log(np.stack([values[f"tau_{i}_s"] for i in range(1, n + 1)], axis=1)) if n else logs[:, :0]
+        self.times = _Times(times)
         self.elements = n
         self.weight = (1 - rho) / (1 + rho) / sigma**2
-        super().__init__(n + len(zeros), logs.mean(axis=0), logs.std(axis=0))
+        super().__init__(np.array([1.0] * n + [sd for _, _, sd in zeros]), times, logs)
 
-    def positions(self, cube: NDArray) -> dict[str, NDArray]:
+    def at(self, cube: NDArray) -> NDArray:
+        """See `_Projection`. Logarithms of the times, then zeros of position."""
+        n = self.elements
+        out = np.empty(cube.shape)
+        if n:
+            out[:, :n] = self.times.at(cube[:, :n])
+        for i, (_, mean, sd) in enumerate(self.zeros, n):
+            out[:, i] = mean + sd * ndtri(np.clip(cube[:, i], 1e-4, 1 - 1e-4))
+        return out
+
+    def positions(self, x: NDArray) -> dict[str, NDArray]:
         """Zeros of position (B,) by recording."""
-        return {
-            name: mean + sd * ndtri(np.clip(cube[:, self.elements + i], 1e-4, 1 - 1e-4))
-            for i, (name, mean, sd) in enumerate(self.zeros)
-        }
+        return {name: x[:, i] for i, (name, _, _) in enumerate(self.zeros, self.elements)}
 
-    def equations(self, cube: NDArray) -> tuple[NDArray, NDArray, float, NDArray]:
+    def logarithms(self, x: NDArray) -> NDArray:
         """See `_Projection`."""
-        B, p, n = len(cube), len(self.names), self.elements
-        log_tau = self.times.at(cube[:, :n]) if self.times else np.zeros((B, 0))
-        zeros = self.positions(cube)
+        return self.times.ordered(x[:, : self.elements])
+
+    def equations(self, x: NDArray) -> tuple[NDArray, NDArray, float]:
+        """See `_Projection`."""
+        B, p, n = len(x), len(self.names), self.elements
+        log_tau = self.logarithms(x)
+        zeros = self.positions(x)
         H, g, yy = np.zeros((B, p, p)), np.zeros((B, p)), 0.0
         # p unit networks for each particle, one after the other
         tau = np.repeat(np.exp(log_tau), p, axis=0)
@@ -240,19 +300,24 @@ class MechanicalSearch(_Projection):
                 )
                 g += X @ (w * record.y) - ones_x * ones_y / total
                 yy += float(w @ record.y**2) - ones_y**2 / total
-        log_prior = self.times.log_prior(log_tau) if self.times else np.zeros(B)
-        for name, mean, sd in self.zeros:
-            log_prior = log_prior - 0.5 * ((zeros[name] - mean) / sd) ** 2
-        return H, g, yy, log_prior
+        return H, g, yy
 
-    def coordinates(self, cube: NDArray) -> NDArray:
-        """Coordinates of the model followed by the zeros (B, d + zeros) at points of the cube."""
-        a, _ = self.solve(cube)
+    def log_prior(self, x: NDArray, a: NDArray) -> NDArray:
+        """See `_Projection`."""
+        out = self.model.log_prior(self._joined(x, a))
+        for i, (_, mean, sd) in enumerate(self.zeros, self.elements):
+            out = out - 0.5 * ((x[:, i] - mean) / sd) ** 2
+        return out
+
+    def coordinates(self, x: NDArray) -> NDArray:
+        """Coordinates of the model followed by the zeros (B, d + zeros) at x (B, m)."""
+        return np.concatenate([self._joined(x, self.solve(x)[0]), x[:, self.elements :]], axis=1)
+
+    def _joined(self, x: NDArray, a: NDArray) -> NDArray:
         n = self.elements
+        tau = np.exp(self.logarithms(x))
         values = {name: np.exp(a[:, i]) for i, name in enumerate(self.names)}
-        if self.times:
-            tau = np.exp(self.times.at(cube[:, :n]))
-            values |= {f"tau_{i + 1}_s": tau[:, i] for i in range(n)}
+        values |= {f"tau_{i + 1}_s": tau[:, i] for i in range(n)}
         if self.model.spec.network == "gkv":
             k = np.stack([values[f"k_{i}_Pa"] for i in range(1, n + 1)], axis=1)
             D, c, T = maxwell_to_modes(np.ascontiguousarray(values["Y_Pa"]), k, tau, np.zeros(len(a)))
@@ -261,9 +326,7 @@ class MechanicalSearch(_Projection):
                 | {f"k_{i + 1}_Pa": 1 / c[:, i] for i in range(n)}
                 | {f"tau_{i + 1}_s": T[:, i] for i in range(n)}
             )
-        z = self.model.from_prior_coordinates(self.model.priors.to_coordinates(values))
-        zeros = self.positions(cube)
-        return np.concatenate([z, *(zeros[name][:, None] for name, _, _ in self.zeros)], axis=1)
+        return self.model.from_prior_coordinates(self.model.priors.to_coordinates(values))
 
 
 def find_map(
@@ -289,21 +352,43 @@ def find_map(
         newton = NewtonSettings(tolerance=1.0, max_iterations=15)
     evaluations = 0
     best: NewtonPolish | None = None
+    kept: list[NDArray] = []
     clock = SearchClock(report)
     for number in range(1, _ROUNDS + 1):
         clock.round(number)
-        starts, count = (
-            (list(given), 0) if len(given) else _starts(posterior, search_model, linear_groups, rng, s, clock)
-        )
+        found_at = None
+        if len(given):
+            starts, count = list(given), 0
+        else:
+            starts, count, found_at = _starts(posterior, search_model, linear_groups, rng, s, clock)
         if s.rough:
             starts = starts[:1]
+        evaluations += count
         swarms = len(starts)
-        if best is not None:
-            starts.append(best.x)
         if refresh is not None:
             posterior = refresh(posterior, starts[0] if best is None else best.x)
+        if number < _ROUNDS and found_at is not None and search_model.spec == posterior.model.spec:
+            # a search that assumed another noise than it finds leads beside the maximum, or to another one
+            here, count = _noise_fitted(posterior, starts[0])
+            evaluations += count
+            again, nearer = _noise_moved(posterior, here), _noise_moved(posterior, here, 0.1)
+            if again or nearer:
+                posterior = _with_noise_of(posterior, here)
+            if again:
+                kept = [here]
+                continue
+            if nearer:
+                starts, count, _ = _starts(posterior, search_model, linear_groups, rng, s, clock, found_at)
+                evaluations += count
+        if best is not None:
+            starts.append(best.x)
+        elif kept:
+            # what an earlier round found counts where this one has found nothing as good
+            evaluations += swarms + 1
+            known = np.nanmax(posterior.log_prob(np.array(starts)))
+            starts += [x for x in kept if posterior.log_prob(x[None])[0] > known]
         found = _polish_all(posterior, starts, newton, clock)
-        evaluations += count + sum(f.evaluations for f in {id(f): f for f in found}.values())
+        evaluations += sum(f.evaluations for f in {id(f): f for f in found}.values())
         best = max(found, key=lambda f: f.value)
         runs = found[:swarms]
         if not _noise_moved(posterior, best.x):
@@ -317,6 +402,7 @@ def find_map(
         for _ in range(0 if s.rough else 2):
             posterior = refresh(posterior, best.x)
             best = polish_newton(posterior.log_prob, best.x, settings=newton)
+            evaluations += best.evaluations
     return MapResult(best.x, best.value, best.hessian, len(runs), len(near), evaluations, best.converged), posterior
 
 
@@ -327,14 +413,18 @@ def _starts(
     rng: np.random.Generator,
     s: MapSettings,
     clock: SearchClock,
-) -> tuple[list[NDArray], int]:
-    """Where the swarms end, best first, as coordinates of the posterior; and how often their objective was called."""
+    near: NDArray | None = None,
+) -> tuple[list[NDArray], int, NDArray | None]:
+    """Where the swarms lead, best first, as coordinates of the posterior; how often their objective was called; and
+    the same places in the coordinates of the search, where it has its own. near: such places, from which it is but a
+    descent.
+    """
     plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
     if groups and search_model.separable:
-        return _voltage_starts(posterior, search_model, groups, rng, s, clock)
+        return _voltage_starts(posterior, search_model, groups, rng, s, clock, near)
     if not groups and plain and posterior.zeros:
-        return _mechanical_starts(posterior, search_model, rng, s, clock)
-    return _box_starts(posterior, rng, s, clock)
+        return _mechanical_starts(posterior, search_model, rng, s, clock, near)
+    return (*_box_starts(posterior, rng, s, clock), None)
 
 
 def _polish_all(
@@ -346,37 +436,63 @@ def _polish_all(
     """Each start polished; those that stand at one and the same place share their polish."""
     scale = posterior_scale(posterior)
     found: list[NewtonPolish] = []
-    twins = [
-        next((k for k in range(i) if np.max(np.abs(starts[k] - start) / scale) < 1e-3), None)
-        for i, start in enumerate(starts)
-    ]
+    polished: list[int] = []
     clock.polishing()
-    for i, (start, twin) in enumerate(zip(starts, twins, strict=True)):
+    for i, start in enumerate(starts):
+        twin = next((k for k in polished if _same(start, starts[k], found[k], scale)), None)
         if twin is not None:
             found.append(found[twin])
-        elif np.isfinite(posterior.log_prob(start[None])[0]):
-            found.append(polish_newton(posterior.log_prob, start, settings=newton))
         else:
-            nowhere = np.full((start.size, start.size), np.nan)
-            found.append(NewtonPolish(start, -np.inf, nowhere, np.zeros(start.size, bool), np.inf, False, 0, 1))
-        clock.polished(twins[: i + 1].count(None), twins.count(None))
+            polished.append(i)
+            if np.isfinite(posterior.log_prob(start[None])[0]):
+                found.append(polish_newton(posterior.log_prob, start, settings=newton))
+            else:
+                nowhere = np.full((start.size, start.size), np.nan)
+                found.append(NewtonPolish(start, -np.inf, nowhere, np.zeros(start.size, bool), np.inf, False, 0, 1))
+        clock.polished(len(polished), len(polished) + len(starts) - 1 - i)
     return found
+
+
+def _same(start: NDArray, other: NDArray, end: NewtonPolish, scale: NDArray) -> bool:
+    """Whether a start stands where `other` stood, or at the end that was reached from there.
+
+    A thousandth of the coordinates' scales is the same place; so is, once the curvature is known, what lies within a
+    hundredth of a nat.
+    """
+    if np.max(np.abs(start - other) / scale) < 1e-3:
+        return True
+    if not end.converged or not np.isfinite(end.hessian).all():
+        return False
+    return any(-0.5 * (start - x) @ end.hessian @ (start - x) < _SAME_NATS for x in (other, end.x))
 
 
 def _close(posterior: Posterior, a: NDArray, b: NDArray) -> bool:
     return bool(np.linalg.norm((a - b) / posterior_scale(posterior)) < 0.05)
 
 
-def _noise_moved(posterior: Posterior, q: NDArray) -> bool:
-    """Whether the noise at q differs from what the search assumed by more than it forgives."""
+def _noise_moved(posterior: Posterior, q: NDArray, share: float = 1.0) -> bool:
+    """Whether the noise at q differs from what the search assumed by more than it forgives, or a share of that."""
     for c in posterior.channels:
         sigma, rho = posterior.noise_part(q[None], c.channel)
-        if abs(np.log(sigma[0] / c.sigma_guess)) > 0.25:
+        if abs(np.log(sigma[0] / c.sigma_guess)) > 0.25 * share:
             return True
         guess = np.arctanh(np.clip(c.rho_guess, -0.99, 0.9999))
-        if np.any(np.abs(np.arctanh(np.clip(rho[0], -0.9999, 0.99999)) - guess) > 0.4):
+        if np.any(np.abs(np.arctanh(np.clip(rho[0], -0.9999, 0.99999)) - guess) > 0.4 * share):
             return True
     return False
+
+
+def _noise_fitted(posterior: Posterior, q: NDArray) -> tuple[NDArray, int]:
+    """q with its noise, and nothing else, at the maximum; and how often the density was called."""
+    first = posterior.zero_start + len(posterior.zeros)
+
+    def objective(noise: NDArray) -> NDArray:
+        at = np.tile(q, (len(noise), 1))
+        at[:, first:] = noise
+        return -posterior.log_prob(at)
+
+    ends, _, evaluations = descend(objective, q[None, first:], np.ones(q.size - first))
+    return np.concatenate([q[:first], ends[0]]), evaluations
 
 
 def _with_noise_of(posterior: Posterior, q: NDArray) -> Posterior:
@@ -399,14 +515,27 @@ def posterior_scale(posterior: Posterior) -> NDArray:
     return scale
 
 
-def _run_swarms(
-    search: VoltageSearch | MechanicalSearch, rng: np.random.Generator, s: MapSettings, clock: SearchClock
-) -> tuple[NDArray, int]:
-    """Coordinates (swarms, .) where the swarms ended, best first.
+def _settled(search: VoltageSearch | MechanicalSearch, x: NDArray) -> tuple[NDArray, NDArray]:
+    """Bottoms (k, m) of the basins that x (k, m) stand in, and minus the log posterior there."""
+    ends, values, _ = descend(lambda at: -search.solve(at)[1], x, search.scale)
+    return ends, values
 
-    From four dimensions on a swarm needs more particles and patience: 32 of them miss the maximum of a GM with four
-    branches in one or two runs of eight, 100 in none.
+
+def _run_swarms(
+    search: VoltageSearch | MechanicalSearch,
+    rng: np.random.Generator,
+    s: MapSettings,
+    clock: SearchClock,
+    near: NDArray | None,
+) -> NDArray:
+    """Where the swarms lead, best first, (swarms, m) in coordinates of the search; near: from there, without swarms.
+
+    From four dimensions on a swarm needs more particles and patience: left to themselves 32 of them miss the maximum
+    of a GM with four branches in one or two runs of eight, 100 in none.
     """
+    if near is not None:
+        ends, values = _settled(search, near)
+        return ends[np.argsort(values)]
     swarm = s.swarm
     if search.dimension > 3:
         swarm = replace(
@@ -419,21 +548,24 @@ def _run_swarms(
 
     def objective(cube: NDArray) -> NDArray:
         nonlocal iteration
-        values = -search.solve(cube)[1]
+        values = -search.solve(search.at(cube))[1]
         iteration += 1
         clock.swarms(iteration, swarm.max_iterations, s.swarms)
         return values
 
-    result = multi_swarm(
+    result = settled_swarms(
         objective,
         np.zeros(search.dimension),
         np.ones(search.dimension),
         swarm,
         rng,
+        lambda cube: _settled(search, search.at(cube)),
         swarms=s.swarms,
+        # fewer swarms that agree prove as much only when each has looked at more
+        first_look=max(s.first_look, -(-8 * s.first_look // s.swarms)),
         tolerance=s.agreement,
     )
-    return search.coordinates(np.array(result.points)[np.argsort(result.values)]), search.evaluations
+    return result.ends[np.argsort(result.values)]
 
 
 def _voltage_starts(
@@ -443,15 +575,18 @@ def _voltage_starts(
     rng: np.random.Generator,
     s: MapSettings,
     clock: SearchClock,
-) -> tuple[list[NDArray], int]:
+    near: NDArray | None,
+) -> tuple[list[NDArray], int, NDArray]:
     channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
     search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
-    z, evaluations = _run_swarms(search, rng, s, clock)
+    x = _run_swarms(search, rng, s, clock, near)
+    z = search.coordinates(x)
     tail = posterior.noise_guess()
-    return [
+    starts = [
         _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail]))
         for row in (z[:1] if s.rough else z)
-    ], evaluations
+    ]
+    return starts, search.evaluations, x
 
 
 def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
@@ -470,8 +605,13 @@ def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
 
 
 def _mechanical_starts(
-    posterior: Posterior, search_model: Model, rng: np.random.Generator, s: MapSettings, clock: SearchClock
-) -> tuple[list[NDArray], int]:
+    posterior: Posterior,
+    search_model: Model,
+    rng: np.random.Generator,
+    s: MapSettings,
+    clock: SearchClock,
+    near: NDArray | None,
+) -> tuple[list[NDArray], int, NDArray]:
     channel = next(c for c in posterior.channels if c.channel == "force")
     groups = [g for g in posterior.groups if isinstance(g, BlockGroup) and g.channel == "force"]
     zeros = [(z.recording, z.mean, z.sd) for z in posterior.zeros]
@@ -483,10 +623,12 @@ def _mechanical_starts(
         float(np.clip(channel.rho_guess[0], 0.0, 0.99)),
         rng,
     )
-    rows, evaluations = _run_swarms(search, rng, s, clock)
+    x = _run_swarms(search, rng, s, clock, near)
+    rows = search.coordinates(x)
     d = search_model.dimension
     noise = posterior.noise_guess()[len(zeros) :]
-    return [np.concatenate([_own(posterior, search_model, row[:d]), row[d:], noise]) for row in rows], evaluations
+    starts = [np.concatenate([_own(posterior, search_model, row[:d]), row[d:], noise]) for row in rows]
+    return starts, search.evaluations, x
 
 
 def _own(posterior: Posterior, search_model: Model, z: NDArray) -> NDArray:

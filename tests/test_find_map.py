@@ -13,7 +13,9 @@ from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.campaign import Campaign
-from bayes_dea.find_map import find_map, laplace_covariance, posterior_scale
+from bayes_dea.find_map import MapSettings, VoltageSearch, _same, find_map, laplace_covariance, posterior_scale
+from bayes_dea.fit.descent import descend
+from bayes_dea.fit.polish import NewtonPolish
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior
 
@@ -77,6 +79,57 @@ def test_all_swarms_agree_on_voltage(voltage, text):
         assert found.converged
         assert np.linalg.eigvalsh(-found.hessian).min() > 0
     assert ends[0][0].log_posterior == pytest.approx(ends[-1][0].log_posterior, abs=0.01)
+
+
+@pytest.mark.parametrize("text", ["hooke+gm2", "hooke+gm3", "hooke+gkv3", "pz3"])
+def test_a_swarm_needs_few_evaluations(voltage, text):
+    """Eight iterations of 32, some Newton steps, and its share of the polish; twice where the noise was another."""
+    found, _ = once(voltage, text)
+    assert found.evaluations < 8 * 800
+
+
+def test_few_swarms_look_at_more_before_they_agree(voltage):
+    assembled = assemble(voltage.campaign, build_model("hooke+gm3"))
+    counts = {}
+    for swarms in (2, 8):
+        found, _ = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups),
+                            np.random.default_rng(0), MapSettings(swarms=swarms))
+        assert found.agree == swarms
+        counts[swarms] = found.evaluations / swarms
+    assert counts[2] > 2 * counts[8]
+
+
+@pytest.mark.parametrize("text", ["hooke+gm3", "hooke+gkv3", "pz3", "hooke+gkm2"])
+def test_the_projected_posterior_is_the_posterior(voltage, text):
+    """At its own coefficients and noise the search sees what the posterior sees, up to one constant."""
+    assembled = assemble(voltage.campaign, build_model(text))
+    posterior = assembled.posterior
+    channel = posterior.channels[0]
+    search = VoltageSearch(assembled.search_model, list(assembled.search_groups), channel.sigma_guess,
+                           np.array(channel.rho_guess), np.random.default_rng(0))
+    top, _, _ = descend(lambda x: -search.solve(x)[1], search.at(np.full((1, search.dimension), 0.5)), search.scale)
+    x = top + 0.3 * np.random.default_rng(1).standard_normal((8, search.dimension))
+    _, value = search.solve(x)
+    z = search.coordinates(x)
+    seen = posterior.log_prob(np.concatenate([z, np.tile(posterior.noise_guess(), (8, 1))], axis=1))
+    assert np.ptp(value) > 1
+    # the width that the gain is left with is no part of the projection: hundredths of a nat
+    assert np.ptp(seen - value) < 0.05
+
+
+def test_starts_in_one_place_are_one():
+    curvature = -np.diag([1e6, 1.0])
+    end = NewtonPolish(np.zeros(2), 0.0, curvature, np.zeros(2, bool), 0.0, True, 3, 100)
+    scale, start = np.ones(2), np.array([0.001, 1.0])
+    within, beyond = start + np.array([1e-5, 0.1]), start + np.array([1e-5, 0.2])
+    assert _same(start + 5e-4, start, end, scale), "next to it"
+    assert _same(within, start, end, scale), "within a hundredth of a nat, by the curvature"
+    assert not _same(start + np.array([2e-3, 0.0]), start, end, scale), "two nats away"
+    assert not _same(beyond, start, end, scale)
+    assert _same(np.array([1e-5, 0.1]), start, end, scale), "at the end"
+    for unsure in (NewtonPolish(**{**vars(end), "converged": False}),
+                   NewtonPolish(**{**vars(end), "hessian": np.full((2, 2), np.nan)})):
+        assert not _same(within, start, unsure, scale)
 
 
 @pytest.mark.parametrize("text", ["hooke+gm3", "hooke+gkv3"])

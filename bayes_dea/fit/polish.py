@@ -233,7 +233,10 @@ def polish_newton(
         trials = np.clip(x + lengths[:, None] * step, lo, hi)
         gained = f(trials)
         k = int(np.argmax(gained))
-        new_axes = t @ vec @ np.diag(1.0 / np.sqrt(np.clip(np.abs(eig), 1e-4, 1e8)))
+        # In a bent valley what is seen grows with the fourth power of the width: the full correction of the widths
+        # would swing between too wide and too narrow for ever.
+        power = 0.5 if iteration < 4 else 0.25
+        new_axes = t @ vec @ np.diag(np.clip(np.abs(eig), 1e-4, 1e8) ** -power)
         stable = bool(np.all(np.abs(np.log(np.maximum(np.abs(eig), 1e-300))) < np.log(4.0)))
         axes = np.zeros((d, d))
         axes[:, : new_axes.shape[1]] = new_axes

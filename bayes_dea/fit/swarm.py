@@ -3,7 +3,7 @@
 The update is the rotation-invariant one of Standard PSO 2011 (Clerc 2012; Zambrano-Bigiarini et al. 2013,
 doi:10.1109/CEC.2013.6557848): a point is drawn in a ball around the centre of gravity of the particle, its
 own best and its neighbours' best. Each swarm has its own stream of random numbers, so the result of one swarm
-does not depend on how many others run beside it.
+does not depend on how many others run beside it; only how long it goes on may (`settled_swarms`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from bayes_dea.errors import InputError
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 Polish = Callable[[Array], tuple[Array, float]]
+Settle = Callable[[Array], tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,22 @@ class MultiSwarmResult:
     tolerance: float
     points: Array = field(repr=False)
     values: Array
+    evaluations: int
+    swarms: tuple[SwarmResult, ...] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class SettledSwarms:
+    """Where several swarms lead.
+
+    ends: (swarms, e) in the coordinates of the descent, values: (swarms,) their objective; agree: how many are within
+    the tolerance of the best; evaluations: by the swarms, without the descents; swarms: as each stood at its end, its
+    reason "agreed" where it was not asked to go on.
+    """
+
+    ends: Array
+    values: Array
+    agree: int
     evaluations: int
     swarms: tuple[SwarmResult, ...] = field(repr=False)
 
@@ -160,6 +177,65 @@ def multi_swarm(
     agree = int(np.sum(final - final[best] <= tolerance))
     return MultiSwarmResult(
         points[best].copy(), float(final[best]), agree, tolerance, points, final, evaluations, results
+    )
+
+
+def settled_swarms(
+    objective: Objective,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    settings: SwarmSettings,
+    rng: np.random.Generator,
+    settle: Settle,
+    *,
+    swarms: int = 8,
+    first_look: int = 8,
+    tolerance: float = 0.1,
+) -> SettledSwarms:
+    """Independent swarms that need not contract: they end as soon as the basins they have found are one.
+
+    settle: (k, d) -> ((k, e), (k,)), descends from the best points of k swarms: ends, in coordinates of its own, and
+    values of the objective. After `first_look` iterations all are settled. Those that do not lead within `tolerance`
+    of the best go on, and are looked at again after twice as many iterations, until all agree or stall.
+    Raises InputError as `particle_swarm` does.
+    """
+    if swarms < 1:
+        raise InputError(f"swarms: {swarms} asked for; give at least 1")
+    box = _checked_box(lower, upper)
+    flock = [_Swarm(*box, settings, child, None) for child in rng.spawn(swarms)]
+    ends: list[Array] = [np.empty(0)] * swarms
+    values = np.full(swarms, np.inf)
+    looked = np.zeros(swarms, int)
+    apart = np.ones(swarms, bool)
+    look = first_look
+    while going := [s for s, other in zip(flock, apart, strict=True) if other and not s.reason]:
+        while active := [s for s in going if not s.reason and s.iterations < look]:
+            asked = [s.ask() for s in active]
+            told = _evaluate(objective, np.concatenate(asked))
+            for swarm, part in zip(active, np.split(told, np.cumsum([len(a) for a in asked])[:-1]), strict=True):
+                swarm.tell(part)
+        look *= 2
+        # what a swarm has found since it was last looked at
+        new = [i for i, s in enumerate(flock) if s.iterations > looked[i] and np.isfinite(s.best_f.min())]
+        if not new:
+            continue
+        found, lowest = settle(np.array([flock[i].result().x for i in new]))
+        for n, i in enumerate(new):
+            looked[i] = flock[i].iterations
+            if not ends[i].size or lowest[n] < values[i]:
+                ends[i], values[i] = found[n], lowest[n]
+        apart = ~(np.isfinite(values) & (values <= values.min() + tolerance))
+    if not np.isfinite(values).any():
+        raise InputError(_nothing_finite(sum(s.evaluations for s in flock)))
+    for s in flock:
+        s.reason = s.reason or "agreed"
+    nowhere = np.full_like(ends[int(np.argmin(values))], np.nan)
+    return SettledSwarms(
+        np.array([e if e.size else nowhere for e in ends]),
+        values,
+        int(np.sum(~apart)),
+        sum(s.evaluations for s in flock),
+        tuple(s.result() for s in flock),
     )
 
 

@@ -7,8 +7,8 @@ A lag T f' = s - f is discretised exactly for what the input does between two ro
   what the row before commanded, so that this is ``end`` one row later;
 * ``linear``: the voltage runs linearly between rows, so the stress, its square, is quadratic.
 
-There is no solver and no step-size error. One pass carries four modes at a time: the latency of a multiply-add on
-the carried state hides behind the other three.
+There is no solver and no step-size error. At even steps one pass takes four modes and four rows at a time
+(`four_rows`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,13 @@ from numpy.typing import NDArray
 
 from ..campaign.scratch import BLOCK, beside, pieces
 from ..errors import InputError
+from .four_rows import ROWS, four_rows
 
 HOLD_CODES = {"end": 0, "start": 0, "linear": 2}  # a start is an end one row later
+
+# input held: the four rows of a block; linear voltage: the row before as well, and the middles
+_held, _held_added = four_rows(ROWS, 0, False), four_rows(ROWS, 0, True)
+_linear, _linear_added = four_rows(ROWS + 1, ROWS, False), four_rows(ROWS + 1, ROWS, True)
 
 
 @dataclass(frozen=True)
@@ -101,40 +106,92 @@ def _weights(h, T):
     p = h / T
     a = np.exp(-p)
     m0 = -np.expm1(-p)
-    if p < 1e-2:
-        # moments of p exp(-p (1 - x)) x^k by series: the closed form cancels here
-        m1 = p / 2 - p * p / 6 + p**3 / 24 - p**4 / 120
-        m2 = p / 3 - p * p / 12 + p**3 / 60 - p**4 / 360
+    if p < 0.1:
+        # moments of p exp(-p (1 - x)) x^k by series, k! sum (-1)^n p^(n+1) / (n+k+1)!: the closed form cancels here
+        m1 = m2 = 0.0
+        for n in range(8, -1, -1):
+            m1 = p / (n + 2) * (1.0 - m1)
+            m2 = p / (n + 3) * (1.0 - m2)
     else:
         m1 = 1.0 - m0 / p
         m2 = 1.0 - 2.0 * m1 / p
     return a, m0 - 3 * m1 + 2 * m2, 4 * (m1 - m2), 2 * m2 - m1
 
 
-@nb.njit(cache=True, fastmath={"contract"})  # a fused multiply-add: half the latency of the carried state
-def _pass4(s, direct, D, add, out, a0, a1, a2, a3, c0, c1, c2, c3, g):
-    """Even steps, input held: four modes in one pass. g: their states over their input weights 1 - a, so that one
-    multiply-add carries each on; c: coefficients times these weights. out = D direct + sum c g, or, with `add`,
-    out += sum c g.
+@nb.njit(cache=True)
+def _tables(h, T, c, D, hold, now, later, carried, decay):
+    """Fill the tables of `four_rows` for up to four modes T, c (m,) at even steps h.
+
+    Inputs of a block: its four rows, or, for hold = 2, the row before, its four rows and the four middles.
     """
-    g0, g1, g2, g3 = g[0], g[1], g[2], g[3]
-    if add:
-        for i in range(s.size):
-            v = s[i]
-            g0 = a0 * g0 + v
-            g1 = a1 * g1 + v
-            g2 = a2 * g2 + v
-            g3 = a3 * g3 + v
-            out[i] += (c0 * g0 + c1 * g1) + (c2 * g2 + c3 * g3)
+    now[:] = later[:] = carried[:] = decay[:] = 0.0
+    for k in range(ROWS):
+        now[k + 1 if hold == 2 else k, k] = D
+    for j in range(T.size):
+        p = h / T[j]
+        if hold == 2:
+            _, w0, w1, w2 = _weights(h, T[j])
+        else:
+            w0, w1, w2 = -np.expm1(-p), 0.0, 0.0
+        for row in range(ROWS):
+            for k in range(row, ROWS):
+                share = c[j] * np.exp(-(k - row) * p)
+                now[row, k] += share * w0
+                if hold == 2:
+                    now[row + 1, k] += share * w2
+                    now[5 + row, k] += share * w1
+            left = np.exp(-(ROWS - 1 - row) * p)
+            later[row, j] += left * w0
+            if hold == 2:
+                later[row + 1, j] += left * w2
+                later[5 + row, j] += left * w1
+            carried[j, row] = c[j] * np.exp(-(row + 1) * p)
+        # a time constant much longer than the record: its decay is all in the digits that rounding takes from 1 - lost
+        lost = -np.expm1(-ROWS * p)
+        decay[0, j] = 1.0 - lost
+        decay[1, j] = (1.0 - decay[0, j]) - lost
+
+
+@nb.njit(cache=True)
+def _even(h, s, middle, hold, D, c, T, states, out, add):
+    """Even steps: up to four modes in one pass over all rows but the first. states (m,) are carried on.
+
+    out = D s + sum c f, or, with `add`, out += sum c f.
+    """
+    m = T.size
+    taps = 9 if hold == 2 else ROWS
+    now, later = np.empty((taps, ROWS)), np.empty((taps, ROWS))
+    carried, decay = np.empty((ROWS, ROWS)), np.empty((2, ROWS))
+    _tables(h, T, c, 0.0 if add else D, hold, now, later, carried, decay)
+    f = np.zeros(ROWS)
+    f[:m] = states
+    blocks = (s.size - 1) // ROWS
+    if hold == 2:
+        if add:
+            _linear_added(s, middle[1:], now, later, carried, decay, f, out[1:], blocks)
+        else:
+            _linear(s, middle[1:], now, later, carried, decay, f, out[1:], blocks)
     else:
-        for i in range(s.size):
-            v = s[i]
-            g0 = a0 * g0 + v
-            g1 = a1 * g1 + v
-            g2 = a2 * g2 + v
-            g3 = a3 * g3 + v
-            out[i] = D * direct[i] + ((c0 * g0 + c1 * g1) + (c2 * g2 + c3 * g3))
-    g[0], g[1], g[2], g[3] = g0, g1, g2, g3
+        if add:
+            _held_added(s[1:], middle, now, later, carried, decay, f, out[1:], blocks)
+        else:
+            _held(s[1:], middle, now, later, carried, decay, f, out[1:], blocks)
+    # rows that are left over
+    begin = 1 + ROWS * blocks
+    if not add:
+        for i in range(begin, s.size):
+            out[i] = D * s[i]
+    for j in range(m):
+        a, w0, w1, w2 = np.exp(-h / T[j]), 0.0, 0.0, -np.expm1(-h / T[j])
+        if hold == 2:
+            a, w0, w1, w2 = _weights(h, T[j])
+        here = f[j]
+        for i in range(begin, s.size):
+            here = a * here + w2 * s[i]
+            if hold == 2:
+                here += w0 * s[i - 1] + w1 * middle[i]
+            out[i] += c[j] * here
+        states[j] = here
 
 
 @nb.njit(cache=True)
@@ -146,25 +203,14 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
     n = s.size
     m = T.size
     states = f0.copy()
-    if uniform > 0 and hold != 2 and m > 0:
+    if uniform > 0 and m > 0:
         # row 0 is the start: the state there is f0
         out[0] = D * s[0]
-        a = np.zeros(4)
-        cc = np.zeros(4)
-        g = np.zeros(4)
-        for j0 in range(0, m, 4):
-            k = min(4, m - j0)
-            for j in range(4):
-                a[j] = cc[j] = g[j] = 0.0
-                if j < k:
-                    b = -np.expm1(-uniform / T[j0 + j])
-                    a[j] = np.exp(-uniform / T[j0 + j])
-                    cc[j] = c[j0 + j] * b
-                    g[j] = states[j0 + j] / b if b > 0 else 0.0
-                    out[0] += c[j0 + j] * states[j0 + j]
-            _pass4(s[1:], s[1:], D, j0 > 0, out[1:], a[0], a[1], a[2], a[3], cc[0], cc[1], cc[2], cc[3], g)
-            for j in range(k):
-                states[j0 + j] = g[j] * -np.expm1(-uniform / T[j0 + j])
+        for j in range(m):
+            out[0] += c[j] * states[j]
+        for j in range(0, m, ROWS):
+            k = min(j + ROWS, m)
+            _even(uniform, s, middle, hold, D, c[j:k], T[j:k], states[j:k], out, j > 0)
         return states
     for i in range(n):
         out[i] = D * s[i]
@@ -244,7 +290,10 @@ def lag_block_sums(dt, s, middle, hold, T, f, which, weight, out):
 def simulate_modes(
     drive: Drive, D: float, c: NDArray, T: NDArray, state: NDArray | None = None, out: NDArray | None = None
 ) -> tuple[NDArray, NDArray]:
-    """Strain (n,) of a network in modes form under `drive`, into `out` if given, and the lag states (m,) at its end."""
+    """Strain (n,) of a network in modes form under `drive`, into `out` if given, and the lag states (m,) at its end.
+
+    The stress is finite. out: contiguous.
+    """
     c = np.ascontiguousarray(c, float)
     T = np.ascontiguousarray(T, float)
     out = beside(drive.stress) if out is None else out

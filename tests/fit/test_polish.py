@@ -43,6 +43,23 @@ def test_newton_through_a_curved_valley():
     np.testing.assert_allclose(np.diag(r.hessian), [-1.0, -400.0], rtol=2e-2)
 
 
+def test_newton_knows_the_top_of_a_bent_valley_when_it_stands_there():
+    """Where the fourth power rules the widths of the stencil must not swing for ever."""
+
+    def valley(bend):
+        def f(x):
+            across = x[:, 1] - bend * x[:, 0] ** 2
+            return -0.5 * 1e-4 * x[:, 0] ** 2 - 0.5 * (across / 1e-2) ** 2 - 0.5 * x[:, 2] ** 2
+
+        return f
+
+    for bend in (0.3, 3.0, 30.0, 300.0):
+        r = polish_newton(valley(bend), np.zeros(3))
+        assert r.converged
+        assert r.iterations < 20
+        np.testing.assert_allclose(np.diag(r.hessian), [-1e-4, -1e4, -1.0], rtol=1e-3)
+
+
 def test_newton_beside_and_on_a_wall():
     def gamma(x):
         with np.errstate(all="ignore"):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from bayes_dea.errors import InputError
+from bayes_dea.fit.descent import descend
 from bayes_dea.fit.least_squares_problem import fit_global
 from bayes_dea.fit.polish import polish_newton
-from bayes_dea.fit.swarm import SwarmSettings, multi_swarm, particle_swarm, unit_box
+from bayes_dea.fit.swarm import SwarmSettings, multi_swarm, particle_swarm, settled_swarms, unit_box
 
 
 def rastrigin(x: np.ndarray) -> np.ndarray:
@@ -120,6 +121,94 @@ def test_eight_of_eight_on_a_sum_of_exponentials():
     assert fit.linear == ("level", "w1", "w2")
     np.testing.assert_allclose(np.sort(fit.theta[[2, 4]]), [1 / 20.0, 2.5], rtol=0.1)
     assert fit.chi2 == pytest.approx(395, abs=3.5 * np.sqrt(2 * 395))
+
+
+def two_basins(x):
+    """A narrow basin of 0 at 0.9, a wide one of 5 at 0.2."""
+    return np.minimum(200.0 * np.sum((x - 0.9) ** 2, axis=1), 5.0 + 20.0 * np.sum((x - 0.2) ** 2, axis=1))
+
+
+def settle(f, looks=None):
+    def down(points):
+        ends, values, _ = descend(f, points, np.full(points.shape[1], 0.1))
+        if looks is not None:
+            looks.append(len(points))
+        return ends, values
+
+    return down
+
+
+def test_swarms_in_one_basin_end_at_the_first_look():
+    def bowl(x):
+        return 1e4 * np.sum((x - 0.4) ** 2, axis=1)
+
+    looks = []
+    r = settled_swarms(bowl, *unit_box(3), SwarmSettings(particles=20), np.random.default_rng(0), settle(bowl, looks),
+                       swarms=5, first_look=4)  # fmt: skip
+    assert (r.agree, r.evaluations, looks) == (5, 5 * 4 * 20, [5])
+    assert {s.reason for s in r.swarms} == {"agreed"}
+    np.testing.assert_allclose(r.ends, 0.4, atol=1e-3)
+    np.testing.assert_allclose(r.values, 0.0, atol=1e-4)
+
+
+def test_those_in_another_basin_go_on():
+    looks = []
+    settings = SwarmSettings(particles=4, stall_iterations=20)
+    r = settled_swarms(two_basins, *unit_box(2), settings, np.random.default_rng(3), settle(two_basins, looks),
+                       swarms=12, first_look=2)  # fmt: skip
+    assert looks[0] == 12
+    assert 0 < looks[1] < 12
+    agreed = r.values < 0.1
+    assert r.agree == agreed.sum() > 12 - looks[1], "going on helps"
+    early = [s.iterations for s in r.swarms if s.iterations == 2]
+    assert len(early) == 12 - looks[1]
+    for s, good in zip(r.swarms, agreed, strict=True):
+        assert good or s.reason == "stalled"
+
+
+def test_a_better_basin_sends_all_others_on():
+    """At first all agree but one that leads lower: eleven go on, the one rests."""
+    calls = []
+
+    def down(points):
+        calls.append(len(points))
+        values = np.zeros(len(points))
+        if len(calls) == 1:
+            values[3] = -7.0
+        elif len(calls) == 2:
+            values[:] = -7.0
+        return points, values
+
+    r = settled_swarms(two_basins, *unit_box(2), SwarmSettings(particles=8), np.random.default_rng(0), down, swarms=12)
+    assert calls == [12, 11]
+    assert r.agree == 12
+    assert sorted({s.iterations for s in r.swarms}) == [8, 16]
+
+
+def test_an_end_is_kept_until_a_better_one_is_found():
+    """The best points move on, the descents from them do not: what the first look found stays."""
+    looks = []
+
+    def down(points):
+        looks.append(len(points))
+        n = np.arange(len(points), dtype=float)
+        return np.full((len(points), 1), float(len(looks))), n if len(looks) == 1 else n + 100.0
+
+    settings = SwarmSettings(particles=6, stall_iterations=3)
+    r = settled_swarms(lambda x: np.ones(len(x)), *unit_box(1), settings, np.random.default_rng(0), down, swarms=4,
+                       first_look=2)  # fmt: skip
+    assert looks == [4, 3]
+    np.testing.assert_array_equal(r.values, [0, 1, 2, 3])
+    np.testing.assert_array_equal(r.ends, 1.0)
+    assert r.agree == 1
+
+
+def test_settled_swarms_where_nothing_is_finite():
+    with pytest.raises(InputError, match="not one of"):
+        settled_swarms(lambda x: np.full(len(x), np.nan), *unit_box(1), SwarmSettings(particles=4, stall_iterations=5),
+                       np.random.default_rng(0), settle(two_basins))  # fmt: skip
+    with pytest.raises(InputError, match="0 asked for"):
+        settled_swarms(two_basins, [0], [1], SwarmSettings(), np.random.default_rng(0), settle(two_basins), swarms=0)
 
 
 @pytest.mark.parametrize(
