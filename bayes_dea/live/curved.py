@@ -5,7 +5,7 @@ exact for any z; m all monomials of the whitened coordinates, c what plants at a
 squares. The plants are carried on from sample to sample (`Bank`), so that a block costs the same however long the
 stream is, and v, m stand before sums over products of lags, c, and readings just as those of a linear model do.
 
-As the posterior shrinks, the design is set up anew around it (`moved`), for as long as the stream is short enough that
+As the posterior shrinks, a design is set up anew around it (`Successor`), for as long as the stream is so short that
 the new plants can be taken through all of it. A polynomial in the old whitened coordinates is one in the new ones,
 exactly, so that old sums are taken over by a change of columns. Approximate, and measured on plants that no fit sees:
 the polynomial itself. (States of new plants by interpolation of the old ones' were tried: a slow mode remembers their
@@ -44,7 +44,7 @@ LIVE_EFFECTS = ("series_resistance", "leakage", "charge_retention", "thickness_f
 _PLANTS, _TESTS = 1.7, 8
 #: draws of a design are this much wider than the posterior
 _WIDE = 1.4
-#: plants times steps up to which a new design is taken through all that was: about three seconds
+#: plants times steps up to which a new design is taken through all that was: about five seconds
 _LONGEST = 1e7
 #: sd of a logarithm from which it is a wide one
 _OPEN = 0.4
@@ -146,6 +146,7 @@ class Design:
     errors: Array = field(repr=False)  # (tests,) sums of squared misses in m^2
     largest_m: float = 0.0
     history: list[tuple[Array, Array, Array]] | None = field(default_factory=list, repr=False)  # None: too long
+    since: list[tuple[Array, Array, Array]] | None = field(default=None, repr=False)  # what a successor has not seen
 
     @classmethod
     def around(cls, model: Model, actuator: Actuator, group: StreamGroup, z: Array, order: int,
@@ -200,9 +201,12 @@ class Design:
         self._remember(*step)
 
     def _remember(self, dt: Array, before_V: Array, after_V: Array) -> None:
+        step = dt.copy(), before_V.copy(), after_V.copy()
+        if self.since is not None:
+            self.since.append(step)
         if self.history is None:
             return
-        self.history.append((dt.copy(), before_V.copy(), after_V.copy()))
+        self.history.append(step)
         if sum(h[0].size for h in self.history) * len(self.bank.W) > _LONGEST:
             self.history = None
 
@@ -216,11 +220,11 @@ class Design:
 
     def frozen(self) -> Design:
         """A copy that does not go on with this one."""
-        return replace(self, bank=self.bank.copy(), errors=self.errors.copy(), history=None)
+        return replace(self, bank=self.bank.copy(), errors=self.errors.copy(), history=None, since=None)
 
-    def moved(self, group: StreamGroup, z: Array, rng: np.random.Generator) -> tuple[Design, Array]:
-        """A design around other draws z (n, d), taken through all that was, and the matrix (F, F') that c is to be
-        multiplied with to be that of the new polynomial, from now back to the start. `history` has to be there."""
+    def successor(self, group: StreamGroup, z: Array, rng: np.random.Generator) -> Successor:
+        """A design around other draws z (n, d), its plants still rested. `history` has to be there; from here on what
+        passes is kept for it."""
         assert self.history is not None
         new = Design.around(self.bank.model, self.bank.actuator, group, z, self.order,
                             self.anchor.polynomial.powers, rng)
@@ -229,10 +233,33 @@ class Design:
         points = points + 0.3 * (points[rng.permutation(len(points))] - points)
         change = np.linalg.lstsq(new_p.features(new_p.whitened(points)), old_p.features(old_p.whitened(points)),
                                  rcond=None)[0].T
-        for step in self.history:
-            new.bank.advance(*step)
-        new.history, new.errors, new.largest_m = list(self.history), self.errors.copy(), self.largest_m
-        return new, np.asarray(change, float)
+        self.since = []
+        return Successor(new, np.asarray(change, float), list(self.history))
+
+
+@dataclass
+class Successor:
+    """A design on its way: `design` is to be taken through `steps`, which may happen on a thread while the present one
+    goes on. change (F, F'): what c of the present one is to be multiplied with to be that of the new polynomial, from
+    now back to the start."""
+
+    design: Design
+    change: Array = field(repr=False)
+    steps: list[tuple[Array, Array, Array]] = field(repr=False)
+
+    def run(self) -> None:
+        """Take its plants through all that was."""
+        for step in self.steps:
+            self.design.bank.advance(*step)
+
+    def taken_over(self, present: Design) -> Design:
+        """The new design, to go on from where the present one stands; `run` has ended."""
+        assert present.since is not None
+        for step in present.since:
+            self.design.bank.advance(*step)
+        self.design.history = None if present.history is None else list(present.history)
+        self.design.errors, self.design.largest_m = present.errors.copy(), present.largest_m
+        return self.design
 
 
 def _fit(features: Array, weight: Array) -> Array:

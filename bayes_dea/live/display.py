@@ -40,6 +40,7 @@ def picture(view: View, model: str) -> Any:
             course = [u.parameters[name]["sd"] for u in view.updates if name in u.parameters]
             table.add_row(name, f"{p['mean']:.5g}", f"{p['sd']:.2g}", sparkline(course))
     parts: list[Any] = [head]
+    parts += [Text(words, style="bold") for words in (view.notice, view.waits) if words]
     if len(view.recent):
         y = view.recent[-2000:, 2]
         text = f"displacement {1e6 * y[-1]:8.1f} um  {sparkline(y[::25].tolist())}"

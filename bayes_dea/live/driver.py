@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
 from ..errors import BayesDEAError, InputError
+from .lines import LineFormat
 from .reader import Reader
 
 Array = NDArray[np.float64]
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 #: what a supply may overshoot before a run is stopped
 _OVERSHOOT = 1.01, 1.0
 _POLL_S = 0.004
+#: how a device without a word to stop is ramped down
+_RAMP_S, _RAMP_STEPS = 0.5, 10
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,19 @@ def read_command(path: Path, actuator: Actuator, own_V: float | None = None) -> 
     return Command(t - t[0], V)
 
 
+def check_words(form: LineFormat | None, where: str, zero: bool, play: bool, volts: bool) -> None:
+    """Raises InputError where a device of another make (`form`, from `where`) has no word for what is asked of it."""
+    if form is None:
+        return
+    wanted = [("zero", zero, "--zero", 'zero = "TARE"'), ("play", play, "--play", 'play = "RUN {name}"'),
+              ("stop", play, "--play", 'stop = "OFF"'),
+              ("volts", volts, "--command and --adaptive", 'volts = "SET {volts:.1f}"')]
+    for name, asked, option, example in wanted:
+        if asked and not getattr(form, name):
+            raise InputError(f"{where}: [device] has no {name}, which {option} needs; write what the device "
+                             f"understands, as {example}")
+
+
 class Driver:
     """Starts, plays and stops. After a broken connection nothing is commanded any more.
 
@@ -92,6 +108,7 @@ class Driver:
         self._reader, self._play, self._command, self._adaptive = reader, play, command, adaptive
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._sent = 0.0  # the last voltage that was streamed
         self.done = threading.Event()
         self.error: BaseException | None = None
         drives = play is not None or command is not None or adaptive
@@ -110,6 +127,7 @@ class Driver:
         r.wanted = True
         if form.start:
             r.ask(form.start)
+        r.driven = self.drives
         if self._play is not None:
             r.ask(form.play.format(name=self._play))
         if self._command is not None:
@@ -148,8 +166,10 @@ class Driver:
                 r.ask(r.form.stop, 1.0)
             except BayesDEAError:
                 r.say(r.form.stop)
-        elif self._command is not None or self._adaptive:
-            r.say(r.form.volts.format(volts=0.0))
+        elif self._command is not None or self._adaptive:  # a device that only knows voltages
+            for volts in np.linspace(self._sent, 0.0, _RAMP_STEPS + 1)[1:]:
+                r.say(r.form.volts.format(volts=float(volts)))
+                time.sleep(_RAMP_S / _RAMP_STEPS)
 
     def _follow(self, command: Command) -> None:
         """Follow the command by the device's clock: what was in force is what the device reports."""
@@ -172,7 +192,7 @@ class Driver:
                     if abs(volts) > limit:  # read_command has checked it; this is the last gate before the wire
                         raise BayesDEAError(f"{volts:g} V is beyond {limit:g} V")
                     r.say(r.form.volts.format(volts=volts))
-                    sent = volts
+                    sent = self._sent = volts
                 time.sleep(_POLL_S)
             self.done.set()
         except BaseException as error:

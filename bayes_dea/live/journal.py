@@ -36,6 +36,7 @@ class Journal:
     bench: Bench
     sessions: list[Session] = field(default_factory=list)
     bad_lines: int = 0
+    last_bad: str = ""  # the last line that could not be read, and why
     _file: BinaryIO | None = None
     _bad: BinaryIO | None = None
     _synced: float = 0.0
@@ -101,6 +102,8 @@ class Journal:
         if self._bad is None:
             self._bad = self._open(self.folder / BAD_FILE)
         self.bad_lines += counted
+        if counted:
+            self.last_bad = f"{line[:80].decode('ascii', 'replace')!r} ({why})"
         sign = "" if counted else "# "
         self._write(self._bad, f"{sign}{time.time():.3f}\t{why}\t{line[:500]!r}\n".encode())
 

@@ -30,6 +30,7 @@ from .open_basis import open_basis
 from .outlook import Snapshot, session_offset
 from .sequential import Advance, Particles, SequentialSettings, advance, begin, spread_out
 from .setup import Bench
+from .standing import standing_still
 from .sums import Beyond, Rows, SessionSums
 from .target import Start, empty_posterior, offset_sd, start_from_posterior, start_from_prior, with_sums
 
@@ -159,6 +160,10 @@ class Learner:
         """Whether nothing is learned before the actuator is driven."""
         return False
 
+    def waits_for(self) -> str:
+        """What the first posterior waits for, in words; empty once there is one."""
+        return "" if self.step_s else f"waits for the first {_FOR_RATE} samples"
+
     def update(self, last: bool = False) -> Update | None:
         """Learn from the next block, or, at the end of a run, from what is left. None where there is too little."""
         if not self.step_s:
@@ -180,7 +185,9 @@ class Learner:
             masked = self._dropouts(rows, context)
             self.masked += int(masked.sum())
             assert self.monitor is not None
-            alarms += self.monitor.dropouts(int(masked.sum()), len(rows), time_s)
+            still = standing_still(rows[:, 2])
+            alarms += self.monitor.dropouts(int((masked & ~still).sum()), len(rows), time_s)
+            alarms += self.monitor.standing(rows[still, 2], time_s)
             assert self.mains is not None
             got = sums.add(rows[:, 0], rows[:, 1], rows[:, 2], masked, self.mains.frequencies, self._beyond())
             self._remember(number, rows, masked, sums.last_beyond)
@@ -270,7 +277,7 @@ class Learner:
     @property
     def lost(self) -> int:
         """Samples that are missing by the device's clock."""
-        return sum(s.lost for s in self._sessions.values())
+        return sum(s.lost for s in list(self._sessions.values()))
 
     # ------------------------------------------------------------ what models that are more than lags do otherwise
     def _beyond(self) -> Beyond | None:
@@ -379,7 +386,7 @@ class Learner:
         all_rows = np.concatenate([context[0], rows, context[1]])
         found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS,
                               resolution=self.bench.sensor.resolution)
-        return found[len(context[0]) : len(context[0]) + len(rows)]
+        return np.asarray(found[len(context[0]) : len(context[0]) + len(rows)] | standing_still(rows[:, 2]))
 
     # ------------------------------------------------------------ mains
     def _remember(self, number: int, rows: Array, masked: NDArray[np.bool_], beyond: Array) -> None:

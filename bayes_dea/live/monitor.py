@@ -91,7 +91,7 @@ class Monitor:
         self.settings, self.step_s = settings, step_s
         self._cusum = Cusum.new(settings, len(_WHAT))
         self._blocks = 0
-        self._quiet_until = self._dropouts_until = -np.inf
+        self._quiet_until = self._dropouts_until = self._standing_until = -np.inf
         self._dropouts, self._rows = 1.0, 1000.0
         self.z = np.zeros(len(_WHAT))
         #: of the last block: times (n,), what the prediction leaves over (n,) m, and the scatter expected of it
@@ -110,6 +110,14 @@ class Monitor:
         self._dropouts_until = time_s + self.settings.quiet_s
         return [Alarm(time_s, f"drop-outs: {count} of {rows} readings stand alone; {rate * rows:.1f} were usual. Look "
                       "at the sensor's target and cable.")]
+
+    def standing(self, readings: Array, time_s: float) -> list[Alarm]:
+        """An alarm for readings (n,) in m that are all the same."""
+        if not readings.size or time_s < self._standing_until:
+            return []
+        self._standing_until = time_s + self.settings.quiet_s
+        return [Alarm(time_s, f"stuck: {readings.size} readings on end are {1e6 * readings[-1]:.4g} um to the last "
+                      "digit. They do not count. Look at the sensor's range, target and cable.")]
 
     def check(self, rows: Rows, gram: RecordGram | None, particles: Particles, posterior: Posterior,
               rng: np.random.Generator) -> list[Alarm]:

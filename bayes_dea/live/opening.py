@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,44 +12,35 @@ from scipy.special import logsumexp
 
 from ..assemble import assemble
 from ..campaign import campaign_from_recordings, recording_from_arrays
-from ..campaign.schema import Recording
+from ..campaign.schema import Campaign, Recording
 from ..emulation import emulate
 from ..find_map import find_map
 from ..fit.adapt import adapt
-from ..fit.mixture import Mixture
+from ..fit.mixture import Mixture, fit_mixture
 from ..fit.reweigh import systematic
 from ..models.model import Model
 from ..sampling import first_walkers
 from ..settings import CalibrationSettings
 from .learner import Session
+from .refits import refitted
 from .sequential import SequentialSettings, spread_out
 from .setup import Bench
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Opening:
-    """Draws (n, d) of the posterior of what came so far, as `calibrate` sees it; its log evidence (0: not known)."""
-
-    draws: Array = field(repr=False)
-    log_evidence: float
+def by_refits(sessions: Sequence[tuple[Session, Array]], model: Model, bench: Bench, seed: int) -> Mixture | None:
+    """Roughly the posterior of rows (n, 3) of sessions, in a second or two; None where refits lead nowhere."""
+    return refitted(_campaign(sessions, bench), model, np.random.default_rng([seed, 6]))
 
 
-def opening(sessions: Sequence[tuple[Session, Array]], model: Model, bench: Bench, seed: int, n: int = 2000) -> Opening:
-    """Search and learn on rows (n, 3) of sessions as `calibrate` does, up to the proposal that it samples with; draws
-    of that are weighted, and moved until they have forgotten it.
+def opening(sessions: Sequence[tuple[Session, Array]], model: Model, bench: Bench, seed: int, n: int = 2000) -> Mixture:
+    """Search and learn on rows (n, 3) of sessions as `calibrate` does, up to the proposal that it samples with; the
+    mixture that fits draws of that. Takes minutes where the command moves at every sample.
 
     Raises InputError as `calibrate` does.
     """
-    recordings: list[Recording] = []
-    for session, rows in sessions:
-        columns = {"time_s": rows[:, 0], "voltage_V": rows[:, 1], "displacement_m": rows[:, 2]}
-        r = recording_from_arrays(f"session_{session.number}", "voltage", columns, actuator=bench.actuator,
-                                  zeroed=session.zeroed)
-        r = replace(r, hold=bench.hold)
-        recordings.append(replace(r, rested=False, rest_before_s=session.elapsed_s) if recordings else r)
-    campaign = campaign_from_recordings(recordings, {"displacement": bench.sensor}, bench.actuator)
+    campaign = _campaign(sessions, bench)
     s = CalibrationSettings()
     r_map, r_learn, r_draw = np.random.default_rng([seed, 5]).spawn(3)
     with warnings.catch_warnings():
@@ -74,13 +65,24 @@ def opening(sessions: Sequence[tuple[Session, Array]], model: Model, bench: Benc
             walkers, proposal = adapted.walkers, adapted.proposal
         if proposal is None:
             flat = walkers.reshape(-1, walkers.shape[-1])
-            x, evidence = back(flat[r_draw.integers(0, len(flat), n)]), 0.0
+            x = back(flat[r_draw.integers(0, len(flat), n)])
         else:
             wide = Mixture(proposal.weights, proposal.means, 1.1 * proposal.roots)
             y = wide.draw(2 * n, r_draw)
             x = back(y)
             log_weight = posterior.log_prob(x) - wide.log_density(y)
-            evidence = float(logsumexp(log_weight) - np.log(len(y)))
             x = x[systematic(np.exp(log_weight - logsumexp(log_weight)), n, r_draw)]
-        return Opening(spread_out(x, posterior.log_prior, posterior.log_likelihood, r_draw, SequentialSettings(n)),
-                       evidence)
+        x = spread_out(x, posterior.log_prior, posterior.log_likelihood, r_draw, SequentialSettings(n))
+        fitted = fit_mixture(x, r_draw)
+        return Mixture(fitted.weights, fitted.means, 1.15 * fitted.roots)
+
+
+def _campaign(sessions: Sequence[tuple[Session, Array]], bench: Bench) -> Campaign:
+    recordings: list[Recording] = []
+    for session, rows in sessions:
+        columns = {"time_s": rows[:, 0], "voltage_V": rows[:, 1], "displacement_m": rows[:, 2]}
+        r = recording_from_arrays(f"session_{session.number}", "voltage", columns, actuator=bench.actuator,
+                                  zeroed=session.zeroed)
+        r = replace(r, hold=bench.hold)
+        recordings.append(replace(r, rested=False, rest_before_s=session.elapsed_s) if recordings else r)
+    return campaign_from_recordings(recordings, {"displacement": bench.sensor}, bench.actuator)

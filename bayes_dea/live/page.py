@@ -40,7 +40,7 @@ class Board:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._frame: dict[str, Any] = {"signal": ([], [], [], []), "parameters": {}, "evidence": ([], []), "text": "",
-                                       "alarms": "", "adaptive": ""}
+                                       "notices": "", "alarms": "", "adaptive": ""}
 
     def write(self, view: View) -> None:
         """Take over what is shown."""
@@ -59,6 +59,7 @@ class Board:
             "text": f"t = {view.time_s:.1f} s, {view.samples} samples, {view.lost} lost, {view.bad_lines} bad lines, "
                     f"behind by {view.lag_s:.2f} s, log evidence {view.log_evidence:.1f}"
                     + ("" if view.connected else " - DISCONNECTED"),
+            "notices": "".join(f"<br><b>{_escaped(words)}</b>" for words in (view.notice, view.waits) if words),
             "alarms": "".join(f"<li>{a['time_s']:.2f} s: {_escaped(a['what'])}</li>" for a in view.alarms[-20:]),
             "adaptive": "" if not view.adaptive else f"<b>Adaptive</b>: {_escaped(view.adaptive)}<ul>" + "".join(
                 f"<li title='{_escaped(e['why'])}'>{_escaped(experiment_words(e))}</li>"
@@ -106,7 +107,7 @@ def _document(board: Board, model: str, token: str | None) -> Callable[[Any], No
 
         def refresh() -> None:
             f = board.read()
-            head.text = f"<b>{_escaped(model)}</b> {_escaped(f['text'])}"
+            head.text = f"<b>{_escaped(model)}</b> {_escaped(f['text'])}{f['notices']}"
             alarms.text = f"<b>Alarms</b><ul>{f['alarms'] or '<li>none</li>'}</ul>"
             adaptive.text = f["adaptive"]
             signal.data = {"t": f["signal"][0], "y": f["signal"][1]}

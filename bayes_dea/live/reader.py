@@ -23,8 +23,18 @@ _SILENCE_S = 1.0
 _READ_S = 0.05
 #: a header after so long without a sample was not asked for
 _BOOT_SILENCE_S = 0.2
+#: device and world may differ by this share about how long a silence was
+_ALIKE = 0.25
 #: the longest line that is waited for
 _LONGEST = 4096
+
+
+def _there() -> str:
+    """The serial ports of this machine, for who has mistyped one."""
+    from serial.tools.list_ports import comports
+
+    names = sorted(port.device for port in comports())
+    return f" Here are {', '.join(names)}." if names else " No serial port is to be seen here."
 
 
 @dataclass(frozen=True)
@@ -58,12 +68,14 @@ class Reader(threading.Thread):
         self.time_s = -np.inf if last_time_s is None else last_time_s  # of the device, last sample
         self.sample_at = time.monotonic()  # when the last sample came
         self.wanted = False  # whether the device ought to stream
+        self.driven = False  # whether we command it
         self._session = journal.sessions[-1] if journal.sessions else None
         self._elapsed_before = journal.idle_s()
         self._pending: tuple[float, float, float] | None = None
         self._buffer = b""
         self._fragment = True
         self._booted = False
+        self._step_s = 0.0  # between the last two samples
         self._opened_at = self._broken_at = time.monotonic()
         self._lock = threading.Lock()
         self._port = self._open(first=True)
@@ -150,7 +162,7 @@ class Reader(threading.Thread):
         except (OSError, ValueError) as error:
             if first:
                 raise InputError(f"--port {self.url}: cannot be opened ({error}); is it plugged in, is the name right, "
-                                 "may you read it, does another program hold it?") from error
+                                 f"may you read it, does another program hold it?{_there()}") from error
             return None
         self.connects += 1
         self._opened_at = time.monotonic()
@@ -177,7 +189,8 @@ class Reader(threading.Thread):
             self._port = port
         if self.wanted:
             # whatever it was doing, nobody watched: to zero, then on with listening
-            for words in (self.form.stop, self.form.start):
+            zero = self.form.volts.format(volts=0.0) if self.driven else ""
+            for words in (self.form.stop or zero, self.form.start):
                 if words:
                     self.say(words)
         return True
@@ -250,7 +263,7 @@ class Reader(threading.Thread):
                 self.journal.reject(repr(pending).encode(), "time does not rise")
         if self._session is None:
             self._begin(now)
-        elif self._booted:
+        elif self._booted and not self._goes_on(sample[0], now):
             self._store(rows, now)
             rows.clear()
             self._begin(now)
@@ -258,8 +271,14 @@ class Reader(threading.Thread):
         if sample[0] <= self.time_s:
             self._pending = sample
             return
+        self._step_s = sample[0] - self.time_s
         self.time_s = sample[0]
         rows.append(sample)
+
+    def _goes_on(self, time_s: float, now: float) -> bool:
+        """Whether a sample after a silence is of the same clock: the next one, or one as much later as the silence."""
+        gap, silence = time_s - self.time_s, now - self.sample_at
+        return gap > 0 and (gap < 3 * self._step_s or abs(gap - silence) < _ALIKE * silence)
 
     def _begin(self, now: float) -> None:
         elapsed = now - self.sample_at + self._elapsed_before

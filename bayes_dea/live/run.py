@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import InputError
+from ..errors import BayesDEAError, InputError
 from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
 from ..results import read_json, write_bytes, write_json
 from .adaptive import Adaptive, AdaptiveSettings
-from .driver import Driver, read_command
+from .driver import Driver, check_words, read_command
 from .follow import make_learner
 from .journal import Journal
 from .learner import Learner, LearnerSettings, Session, Update
@@ -35,6 +35,10 @@ POSTERIOR_FILE = "posterior.nc"
 #: updates kept in live.json; beyond, every second one goes
 _MOST_UPDATES = 2000
 _WRITE_S = 5.0
+#: so many lines within this time (s), and not one that can be read: it is the wrong format
+_ALL_BAD, _DEAF_S = 20, 3.0
+#: a posterior that is further behind its samples is late
+_LATE_S = 2.0
 #: how long the end of the stream is waited for after the device was told to stop
 _TAIL_S = 2.0
 
@@ -75,6 +79,8 @@ class View:
     alarms: list[dict[str, Any]] = field(default_factory=list)
     experiments: list[dict[str, Any]] = field(default_factory=list)
     adaptive: str = ""
+    waits: str = ""
+    notice: str = ""
 
 
 class _History:
@@ -150,6 +156,7 @@ def _follow(
     built = build_model(model, priors) if isinstance(model, str) else model
     bench = read_bench(campaign)
     form = read_device(s.device)
+    check_words(form, str(s.device), s.zero, s.play is not None, s.command is not None or s.adaptive is not None)
     command = read_command(s.command, bench.actuator, s.max_voltage_V) if s.command is not None else None
     run = _Run(out, make_learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
     last = run.recover(resume)
@@ -182,6 +189,22 @@ def warm_up(model: Model, bench: Bench, settings: LearnerSettings) -> None:
     learner.feed(Session(1), rows)
     for _ in range(6):
         learner.update()
+    if not model.is_linear:
+        _warm_up_plant(model, bench, rows)
+
+
+def _warm_up_plant(model: Model, bench: Bench, rows: NDArray[np.float64]) -> None:
+    from ..models.nodes import Nodes
+    from ..models.plant import plant_of
+    from ..models.simulate_plant import simulate_nodes
+    from .curved import Bank
+
+    n = len(rows)
+    z = np.median(model.prior_draws(200, np.random.default_rng(0)), axis=0)[None]
+    values = {k: float(v[0]) for k, v in model.physical(z).items()}
+    simulate_nodes(plant_of(model, values, bench.actuator),
+                   Nodes(rows[:, 0], rows[:, 1], np.arange(n), n, bench.hold, None, 0.01))
+    Bank(model, bench.actuator, z).advance(np.full(n, 0.01), rows[:, 1].copy(), rows[:, 1].copy())
 
 
 class _Run:
@@ -196,6 +219,7 @@ class _Run:
             learner, learner.bench.actuator, settings.adaptive, seed, settings.max_voltage_V)
         self.alarms: list[dict[str, Any]] = []
         self.lags: list[float] = []
+        self.late_until_s: float | None = None  # device's time of the last update that was behind by too much
         self.arrivals: deque[tuple[int, float]] = deque()  # (samples up to here, arrived), of what is not learned
         self.received = self.learned = 0
         self.seconds: dict[str, float] = {}
@@ -204,6 +228,7 @@ class _Run:
         self.complete = False
         self._written = self._shown = time.monotonic()
         self._first_s: tuple[int, float] | None = None
+        self._deaf_since: tuple[float, int] | None = None  # when listening began, and bad lines until then
         self._done_s = 0.0  # device's time of sessions of this run that are over
         self._earlier_s = 0.0  # device's time of what was on disk before
         self._now: tuple[int, float] = (0, 0.0)
@@ -245,6 +270,7 @@ class _Run:
             if self.learner.ready():
                 with shielded():
                     self._learn()
+            self._listen(reader)
             self._look(reader)
             if stop() or (reader.ended.is_set() and self.settings.play):
                 return
@@ -311,6 +337,8 @@ class _Run:
             self.arrivals.popleft()
         if self.arrivals and self.arrivals[0][1] > 0 and self.learned > first:
             self.lags.append(time.monotonic() - self.arrivals[0][1])
+            if self.lags[-1] > _LATE_S:
+                self.late_until_s = update.time_s
             if len(self.lags) > 50_000:
                 self.lags = self.lags[::2]
         self.history.add(update)
@@ -321,14 +349,47 @@ class _Run:
             self.view.band = self.learner.band()
         return True
 
+    def _listen(self, reader: Reader) -> None:
+        """Raises BayesDEAError where nothing that comes can be read, or nothing comes at all."""
+        if self._first_s is not None or not reader.connected:
+            return
+        now = time.monotonic()
+        if self._deaf_since is None:
+            self._deaf_since = now, self.journal.bad_lines
+        since, before = self._deaf_since
+        bad = self.journal.bad_lines - before
+        how = (f"Compare it with [device] in {self.settings.device}" if self.settings.device is not None else
+               "Lines as 0.001,0.00,0.00000123*5A are expected; map others by --device")
+        if bad >= _ALL_BAD and now - since > _DEAF_S:
+            raise BayesDEAError(f"{reader.url}: {bad} lines came and not one could be read; the last is "
+                                f"{self.journal.last_bad}. {how}, and check the baud rate.")
+        if now - since > self.settings.patience_s:
+            raise BayesDEAError(f"{reader.url}: not one sample came in {self.settings.patience_s:g} s; is the device "
+                                "on, is it the right port and baud rate, does it stream by itself or wait for a start?")
+
+    def _notice(self, reader: Reader) -> str:
+        if not reader.connected:
+            return (f"The connection broke. Plug it in again: it is tried for {self.settings.patience_s:g} s, and all "
+                    "that came is kept.")
+        if not reader.lost.is_set():
+            return ""
+        what = ", and what was played is not taken up again" if self.settings.play is not None else ""
+        end = "" if self.settings.duration_s is not None else "; Ctrl-C ends the run"
+        return f"The connection broke and came back: the bench was told to stop{what}. Samples are taken in{end}."
+
+    def _behind(self, now: float) -> float:
+        """Age in s of the oldest sample that is not learned, or what it was at the last update."""
+        oldest = next((at for upto, at in self.arrivals if upto > self.learned), now)
+        return max(now - oldest, self.lags[-1] if self.lags else 0.0)
+
     def _look(self, reader: Reader) -> None:
         now = time.monotonic()
         if self.show is not None and now - self._shown > 0.2:
             self._shown = now
             v = self.view
             v.samples, v.bad_lines, v.lost = self.received, self.journal.bad_lines, self.learner.lost
-            v.lag_s = self.lags[-1] if self.lags else 0.0
-            v.time_s, v.connected = self._now[1], reader.connected
+            v.lag_s, v.waits = self._behind(now), self.learner.waits_for()
+            v.time_s, v.connected, v.notice = self._now[1], reader.connected, self._notice(reader)
             v.log_evidence, v.alarms = self.learner.log_evidence, self.alarms
             if self.adaptive is not None:
                 v.experiments, v.adaptive = self.adaptive.entries, self.adaptive.statement()
@@ -381,6 +442,7 @@ class _Run:
             "bad_lines": self.journal.bad_lines,
             "masked_samples": learner.masked,
             "lag_s": {"median": float(np.median(lag)), "p99": float(np.quantile(lag, 0.99)), "max": float(lag.max())},
+            "late_until_s": self.late_until_s,
             "updates": self.history.as_json(),
             "update_count": self.history.total,
             "alarms": self.alarms,

@@ -96,7 +96,7 @@ def advance(
         gain = after - before
         if not np.any(np.isfinite(gain)):
             raise BayesDEAError("no draw of the posterior so far can explain the new samples at all; check geometry "
-                                "and units in campaign.toml")
+                                "and units in campaign.toml, and what --device says of columns and units")
         step = _step(log_w, gain, 1.0 - exponent, settings.ess_share * n)
         weighted = log_w + step * gain
         total = float(logsumexp(weighted))

@@ -65,7 +65,8 @@ def with_sums(posterior: Posterior, grams: Mapping[str, RecordGram], bench: Benc
     group = posterior.groups[0]
     assert isinstance(group, StreamGroup)
     fitted = tuple(_named(name, bench) for name in grams)
-    gain = noise_terms(bench.sensor, False, largest_m).gain_sd
+    # a sensor that stands still has no span yet
+    gain = noise_terms(bench.sensor, False, max(largest_m, bench.sensor.fluctuation or 1e-9)).gain_sd
     return replace(posterior, groups=(replace(group, fitted=fitted, grams=dict(grams), gain_sd=gain, lines=lines),))
 
 

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy import stats
 from stream import ACTUATOR, ONE_BRANCH, TOML, device, learner, rows_of
 from test_live_run import served
 from threadpoolctl import threadpool_limits
@@ -61,37 +62,46 @@ def test_what_is_wanted_and_what_it_may_cost():
     assert not wanted.reached({})
 
 
+def carried_out(seed):
+    """Two rounds without a port, by the device's own equations: for each, nats realised and expected, and by how much
+    the logarithm of the sd asked for fell beyond what was expected."""
+    machine = device(200.0, seed=seed)
+    machine.hear("ZERO")
+    machine.hear("START")
+    one = learner(particles=800, seed=seed, longest_s=600.0)
+
+    def run(t, V):
+        n = round(t[-1] * 200)
+        at = np.searchsorted(t, (np.arange(n) + 0.5) / 200, side="right") - 1
+        for i in range(0, n, 20):
+            machine.hear(f"V {V[at[i]]:.2f}")
+            one.feed(Session(1, zeroed=True), rows_of(machine.produce(20)))
+            while one.ready():
+                one.update()
+
+    run(np.array([0.0, 2.0, 4.0, 8.0]), np.array([0.0, 1200.0, 300.0, 0.0]))
+    limits = limits_of_stream(ACTUATOR, 1200.0, 200.0, 2.0)
+    rounds = []
+    for _ in range(2):
+        choice = choose(one.snapshot(), limits, (Wanted("tau_1_s", 1e-4, True),), one.latest, 60.0, seed, 4)
+        assert not choice.rough
+        assert "tau_1_s" in choice.why
+        before, sd = one.log_det(), one.latest["tau_1_s"]["sd"]
+        run(*choice.experiment.full())
+        ratio = one.latest["tau_1_s"]["sd"] / sd / choice.shrinks["tau_1_s"]
+        rounds.append((0.5 * (before - one.log_det()), choice.nats, math.log(ratio)))
+    return np.mean(rounds, axis=0)
+
+
 @threadpool_limits.wrap(limits=1)
 def test_what_is_expected_is_what_it_teaches():
-    """Carried out without a port: the same posterior machinery, the device's own equations."""
-    expected, realised = [], []
-    for seed in (1,):
-        machine = device(200.0, seed=seed)
-        machine.hear("ZERO")
-        machine.hear("START")
-        one = learner(particles=1500, seed=seed)
-
-        def run(t, V, machine=machine, one=one):
-            n = round(t[-1] * 200)
-            at = np.searchsorted(t, (np.arange(n) + 0.5) / 200, side="right") - 1
-            for i in range(0, n, 20):
-                machine.hear(f"V {V[at[i]]:.2f}")
-                one.feed(Session(1, zeroed=True), rows_of(machine.produce(20)))
-                while one.ready():
-                    one.update()
-
-        run(np.array([0.0, 2.0, 4.0, 8.0]), np.array([0.0, 1200.0, 300.0, 0.0]))
-        limits = limits_of_stream(ACTUATOR, 1200.0, 200.0, 2.0)
-        for _ in range(2):
-            choice = choose(one.snapshot(), limits, (Wanted("tau_1_s", 1e-4, True),), one.latest, 60.0, seed, 10)
-            assert not choice.rough
-            assert "tau_1_s" in choice.why
-            before, sd = one.log_det(), one.latest["tau_1_s"]["sd"]
-            run(*choice.experiment.full())
-            expected.append(choice.nats)
-            realised.append(0.5 * (before - one.log_det()))
-            assert one.latest["tau_1_s"]["sd"] / sd == pytest.approx(choice.shrinks["tau_1_s"], rel=0.25)
-    assert sum(realised) == pytest.approx(sum(expected), rel=0.3)
+    """Over six benches, the 95 % interval (Student, seeds as units) of what is realised over what is expected lies
+    within 25 % of one for nats, within 12 % for the sd that was asked for. One bench alone scatters by 8 %."""
+    realised, expected, log_ratio = np.array([carried_out(seed) for seed in range(1, 7)]).T
+    reach = stats.t.ppf(0.975, 5) / math.sqrt(6)
+    surplus = (realised - expected) / expected.mean()
+    assert abs(surplus.mean()) + reach * surplus.std(ddof=1) < 0.25
+    assert abs(log_ratio.mean()) + reach * log_ratio.std(ddof=1) < 0.12
 
 
 def test_it_stops_when_what_is_wanted_is_known(toml, tmp_path):

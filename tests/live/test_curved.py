@@ -13,6 +13,7 @@ from bayes_dea.live.follow import make_learner
 from bayes_dea.live.learner import LearnerSettings, Session
 from bayes_dea.live.outlook import limits_of_stream
 from bayes_dea.live.sequential import SequentialSettings
+from bayes_dea.live.summary import beliefs, posterior_bytes
 from bayes_dea.models.model import build_model
 from bayes_dea.models.nodes import Nodes
 from bayes_dea.models.plant import plant_of
@@ -129,9 +130,37 @@ def test_the_next_experiment_of_a_curved_model_is_chosen_too(followed):
     assert np.array_equal(one.design.bank.W, before)  # looking ahead moves nothing
 
 
-def test_more_than_this_is_refused_with_the_way_out(tmp_path):
+def test_more_than_this_is_refused_with_the_way_out():
     for spec in ("hooke+gm1+acquisition_delay", "hooke+gm1+inertia", "yeoh+gkv2", "pz3+series_resistance"):
         with pytest.raises(InputError, match=r"cannot be followed live.*calibrate"):
             check_curved(build_model(spec))
-    with pytest.raises(InputError, match="begins with a calibration of its own"):
-        make_learner(build_model("yeoh+gm1"), BENCH, 1, SETTINGS, tmp_path)
+
+
+def test_where_refits_lead_nowhere_a_search_does(monkeypatch):
+    monkeypatch.setattr("bayes_dea.live.follow.by_refits", lambda *_: None)
+    rows, _ = rows_of(23)
+    one = make_learner(build_model(SPEC), BENCH, 1, SETTINGS)
+    one.feed(Session(1), rows)
+    one.update(last=True)
+    for name, value in TRUTH.items():
+        assert abs(one.latest[name]["mean"] - value) < 4 * one.latest[name]["sd"], name
+    q = one.draws(100)
+    with threadpool_limits(1):
+        assert np.std(exact_log_likelihood(one, rows[: one.samples], q) - one.posterior.log_likelihood(q)) < 0.2
+
+
+def test_an_earlier_posterior_is_the_prior_of_a_curved_model_too(followed, tmp_path):
+    """30 s after 60 s that another run has seen: more is known than after the 60 s, and it is the truth."""
+    earlier, _, _ = followed
+    _, _, draws, quantities = beliefs(earlier)
+    (tmp_path / "posterior.nc").write_bytes(posterior_bytes(earlier, draws, quantities, 1, "0"))
+    rows, _ = rows_of(30)
+    one = make_learner(build_model(SPEC), BENCH, 2, SETTINGS, tmp_path)
+    with threadpool_limits(1):
+        one.feed(Session(1), rows)
+        while one.update(last=True) is not None:
+            pass
+    for name, value in TRUTH.items():
+        p = one.latest[name]
+        assert p["sd"] < earlier.latest[name]["sd"], name
+        assert abs(p["mean"] - value) < 4 * p["sd"], name

@@ -22,7 +22,7 @@ def view(samples):
     updates = [Update(i, 1, 0.5 * i, 50 * i, {"Y_Pa": {"mean": 1.2e6 + i, "sd": 1e5 / (i + 1)}}, 100.0, ())
                for i in range(5)]
     return View(samples, 3, 4, 0.1, 5.0, True, rows, (5e-4, 4.9e-4, 5.1e-4), updates, 123.4,
-                [{"time_s": 4.5, "what": "stroke: <5 % off"}])
+                [{"time_s": 4.5, "what": "stroke: <5 % off"}], waits="gathers driven samples", notice="it broke <once>")
 
 
 def test_an_address_is_a_port_on_loopback_unless_said_otherwise():
@@ -73,7 +73,8 @@ def test_in_a_browser_it_updates_without_errors(tmp_path):
                     answer = page.call("Runtime.evaluate", expression=deep, returnByValue=True)
                     seen.append(answer["result"].get("value", ""))
                 assert f"{samples} samples" in seen[-1]
-            assert "stroke: <5 % off" in seen[-1]
+            for words in ("stroke: <5 % off", "gathers driven samples", "it broke <once>"):
+                assert words in seen[-1]
             assert page.errors == []
             assert all(r.startswith((address.rstrip("/"), "ws://127.0.0.1", "data:", "about:")) for r in page.requests)
         finally:
