@@ -91,7 +91,9 @@ def assemble(
     rates = {c.channel: c.rates for c in channels}
     linear: list[LinearGroup] = []
     if voltage:
-        linear = build_linear_groups(voltage, terms, rates["displacement"], workers)
+        if report is not None:
+            report(0, len(voltage), "sums of recordings")
+        linear = build_linear_groups(voltage, terms, rates["displacement"], workers, report)
     groups: list[LinearGroup | BlockGroup] = []
     if voltage:
         if model.spec.effects:

@@ -33,8 +33,16 @@ VERBS: dict[str, tuple[Callable[..., None], str]] = {
     "import": (import_.import_, import_.EXAMPLE),
     "report": (report.report, report.EXAMPLE),
 }
+
+
+def _help(function: Callable[..., None]) -> str:
+    """The docstring, a line a paragraph: the terminal breaks it where its own width ends."""
+    paragraphs = (inspect.getdoc(function) or "").split("\n\n")
+    return "\n\n".join(" ".join(p.split()) for p in paragraphs)
+
+
 for _verb, (_function, _example) in VERBS.items():
-    app.command(_verb, epilog=_example)(_function)
+    app.command(_verb, epilog=_example, help=_help(_function))(_function)
 
 
 def _version(show: bool) -> None:

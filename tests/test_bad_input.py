@@ -558,6 +558,6 @@ def test_bench_and_report(monkeypatch, capsys, tmp_path):
     assert "--preset smal is unknown" in said("bench", "--preset", "smal", "--out", tmp_path / "c")
     assert "plan.toml: cannot be read (No such file" in said("bench", "--preset", tmp_path / "plan.toml",
                                                              "--out", tmp_path / "c")
-    assert f"is {tmp_path} the --out of a calibration?" in said("report", tmp_path)
-    assert "there is no such file" in said("report", tmp_path / "nowhere")
+    assert f"{tmp_path}: holds no result to draw" in said("report", tmp_path)
+    assert "there is no such folder" in said("report", tmp_path / "nowhere")
     assert not (tmp_path / "c").exists()

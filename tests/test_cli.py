@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -273,6 +274,42 @@ def test_plain_progress_has_the_remaining_time(monkeypatch):
     assert lines[1].startswith("sampling: 25 %, about 30 s left (step 5, tau 99")
     assert lines[2:] == ["sampling: 50 %, about 20 s left", "evidence ..."]
     assert max(map(len, lines)) < 80
+
+
+def test_a_phase_that_begins_once_more_counts_from_there(monkeypatch):
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    clock = iter([0.0, 90.0, 100.0, 110.0])
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: next(clock))
+    with progress(quiet=False) as report:
+        for done in (0, 9, 0, 5):
+            report("refitting", done, 10, "")
+    assert sys.stderr.getvalue().splitlines()[-1] == "refitting: 50 %, about 10 s left"
+
+
+def test_one_phase_is_drawn_at_a_time(monkeypatch):
+    """Phases that take turns, as in a diagnosis, do not leave their lines behind."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(quiet=False) as report:
+        for phase in ("weighing pairs", "refitting", "checking what is left", "weighing pairs"):
+            report(phase, 1, 5, "")
+            time.sleep(0.12)  # the bar is drawn ten times a second
+    frames = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", sys.stderr.getvalue())
+    lines = [line for line in re.split(r"[\r\n]+", frames) if line.strip()]
+    assert any(line.startswith("checking what is left ") for line in lines)
+    assert "\n" not in frames.rstrip(), "two lines at once"
+
+
+def test_threads_may_report_at_once(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with progress(quiet=False) as report, ThreadPoolExecutor(8) as pool:
+        for _ in pool.map(lambda k: report(f"phase {k % 3}", k % 7, 7, "x"), range(4000)):
+            pass
 
 
 def test_progress_fits_eighty_columns(monkeypatch):

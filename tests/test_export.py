@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shutil
+import subprocess
 import sys
 
 import numpy as np
@@ -215,3 +217,56 @@ def test_reading_back_says_what_is_wrong(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(bd.InputError, match=r"pip install 'bayes-dea\[control\]'"):
         bd.load_state_space(tmp_path)
+
+
+def test_matlab_file_is_plain(tmp_path):
+    """Level 5, real doubles with two dimensions, row vectors of characters, names that MATLAB takes; no draws, too."""
+    for text, draws in (("hooke+gm2", 3), ("hooke", 2), ("hooke+gm1", 0)):
+        bd.export_state_space(made(text, n=4), "matlab", tmp_path, sample_time_s=0.001, draws=draws)
+        assert (tmp_path / "model.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
+        raw = loadmat(tmp_path / "model.mat", chars_as_strings=False)
+        assert raw["draws"].shape == (1, draws)
+        for one in (raw["map"], raw["mean"], *(raw["draws"][:, [i]] for i in range(draws))):
+            for field in one.dtype.names:
+                value = one[field][0, 0]
+                assert len(field) <= 63
+                assert field.isidentifier()
+                assert value.ndim == 2
+                if field in (*MATRICES, "Ts"):
+                    assert value.dtype == np.float64
+                else:
+                    assert value.dtype.kind == "U"
+                    assert value.shape[0] == 1
+
+
+@pytest.mark.parametrize("text", ["hooke+gm3", "hooke+gkv1"])
+def test_octave_takes_the_file_for_matlab(text, tmp_path):
+    """`load` and `ss` as the README shows them, in the free program that reads MATLAB's language."""
+    octave = shutil.which("octave-cli")
+    if octave is None:
+        pytest.skip("GNU Octave is not installed")
+    c = made(text, n=6, sd=0.05)
+    t, V = drive(n=800)
+    bd.export_state_space(c, "matlab", tmp_path, sample_time_s=0.002, draws=4)
+    np.savetxt(tmp_path / "u.txt", V**2)
+    script = """
+      try pkg load control; catch disp('no control package'); exit(0); end
+      m = load('model.mat'); u = load('u.txt'); t = 0.002 * (0:numel(u) - 1)';
+      sys = ss(m.map.A, m.map.B, m.map.C, m.map.D);
+      if ! isequal(size(m.draws), [1 4]) || ! ischar(m.map.comment) || m.map.Ts != 0.002, error('shapes'); end
+      y = [];
+      for x = {m.map, m.draws(1), m.draws(4)}
+        y = [y lsim(ss(x{1}.Ad, x{1}.Bd, x{1}.Cd, x{1}.Dd, x{1}.Ts), u, t)];
+      end
+      f = fopen('y.txt', 'w'); fprintf(f, '%.17g %.17g %.17g\\n', y'); fclose(f);
+      f = fopen('gain.txt', 'w'); fprintf(f, '%.17g', dcgain(sys)); fclose(f);
+    """
+    done = subprocess.run([octave, "--no-gui", "--eval", script], cwd=tmp_path, capture_output=True, text=True)
+    if "no control package" in done.stdout:
+        pytest.skip("GNU Octave has no control package")
+    assert (tmp_path / "gain.txt").is_file(), done.stderr
+    theirs = np.loadtxt(tmp_path / "y.txt")
+    for k, i in enumerate((None, c.rows(4)[0], c.rows(4)[3])):
+        ours = bd.simulate(c.structure.model, values_of(c, i), recording_of(c, t, V, "end"))
+        np.testing.assert_allclose(theirs[:, k], ours, rtol=0, atol=1e-9 * np.max(np.abs(ours)))
+    assert 0 < float((tmp_path / "gain.txt").read_text()) < 1e-9

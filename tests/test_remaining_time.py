@@ -6,6 +6,8 @@ import io
 import re
 import sys
 import time
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from short_runs import shorten
 from tiny_campaign import tiny_campaign
 
 from bayes_dea import cli
+from bayes_dea.campaign.schema import Actuator
 from bayes_dea.commands.progress import progress
 from bayes_dea.fit.evidence import bridge_log_evidence
 from bayes_dea.prediction.follow import _Count
@@ -23,7 +26,8 @@ BOUNDED = {
                   "evidence", "predicting", "writing results", "drawing the page"},
     "compare": {"comparing", "drawing the page"},
     "next_": {"fitting", "scoring the menu", "drawing the page"},
-    "diagnose": {"reading noise", "fitting", "weighing hypotheses", "refitting", "drawing the page"},
+    "diagnose": {"reading noise", "fitting", "refining the fit", "finding starts", "weighing hypotheses", "refitting",
+                 "proving", "drawing the page"},
     "predict": {"reading", "predicting", "writing", "drawing the page"},
 }
 OPTIONS = {
@@ -123,6 +127,43 @@ def test_bridge_sampling_counts_its_densities():
                             report=lambda done, of, into=said: into.append((done, of)))
         assert said[-1][0] == said[-1][1]
         assert len(said) >= 8
+
+
+def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
+    """Those that a short run does not reach, or passes at once; nothing is fitted here."""
+    from bayes_dea.mismatch import ask, diagnosis, reread
+
+    said = []
+
+    def told(_result):
+        shares = [done / of for done, of, _ in said]
+        said.clear()
+        return shares
+
+    def tell(*at):
+        said.append(at)
+
+    for module in (reread, diagnosis):
+        monkeypatch.setattr(module, "refit", lambda *_, **__: None)
+    monkeypatch.setattr(reread, "_expected_chi2", lambda *_: float("inf"))
+    monkeypatch.setattr(diagnosis, "held_out", lambda *_: [])
+    monkeypatch.setattr(ask, "separation", lambda *_: 1.0)
+
+    @dataclass(frozen=True)
+    class Pieces:
+        pieces: tuple = ()
+
+    pieces = tuple(SimpleNamespace(name=n, channel="displacement", nodes=None) for n in "abcd")
+    fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None)
+    assert told(reread.odd_one_out(fit, None, None, tell)) == [0, 0.25, 0.5, 0.75]
+    assert told(diagnosis.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
+    actuator = Actuator(max_voltage_V=1000.0, max_frequency_Hz=10.0)
+    n = len(ask.menu(actuator))
+    assert told(ask.next_experiment([fit, fit], ["a", "b"], actuator, tell)) == [k / n for k in range(n)]
+    voltage = SimpleNamespace(nodes=1, recording=SimpleNamespace(hold="end"))
+    monkeypatch.setattr(reread, "with_hold", lambda piece, hold: piece)
+    assert told(reread.other_holds(SimpleNamespace(problem=Pieces((voltage,)), q=None), SimpleNamespace(
+        start=lambda: None), None, tell)) == [0, 0.5]
 
 
 class Terminal(io.StringIO):

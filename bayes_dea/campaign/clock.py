@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 #: formats with a name; everything else is a pattern of strptime such as "%d.%m.%Y %H:%M:%S.%f"
 NAMED_FORMATS = ("iso", "clock")
 _DAY_S = 86400.0
+#: of date and time as recorders write them besides; which is the day and which the month the user has to see
+_PATTERNS = tuple(f"{date} {time}" for date in ("%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d")
+                  for time in ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p"))
 _GAPS = frozenset({"", "nan", "nat", "null"})
 
 
@@ -35,6 +38,17 @@ def check_time_format(time_format: str) -> bool:
         return datetime.strptime(sample.strftime(time_format), time_format) is not None
     except ValueError:
         return False
+
+
+def likely_format(text: str) -> str | None:
+    """A `time_format` under which a text is a time; None for a text that looks like none."""
+    for time_format in (*NAMED_FORMATS, *_PATTERNS):
+        try:
+            if math.isfinite(float(seconds([text], time_format)[0])):
+                return time_format
+        except BadTimeError:
+            continue
+    return None
 
 
 def seconds(texts: Iterable[str], time_format: str) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_dea.campaign.clock import BadTimeError, seconds
+from bayes_dea.campaign.clock import BadTimeError, likely_format, seconds
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.campaign.scratch import PIECE, Gathering, Scratch
 from bayes_dea.campaign.tables import Table, missing_column
@@ -110,8 +111,11 @@ class CsvSource:
         if column.index is not None:
             return column.index - 1
         if self.names.count(str(column.name)) > 1:
-            raise InputError(f'{self.label}: two columns are called "{column.name}". Say which by its '
-                             'number, e.g. columns.time_s = { index = 1 }.')
+            places = [i + 1 for i, n in enumerate(self.names) if n == column.name]
+            own = next((k for k, c in self.fmt.columns.items() if c is column), _readable(str(column.name)))
+            raise InputError(f'{self.label}: two columns are called "{_readable(str(column.name))}", numbers '
+                             f"{' and '.join(map(str, places))}. Say which in its [format]: columns.{own} = "
+                             f"{{ index = {places[0]} }}.")
         return self._index[str(column.name)]
 
     def missing(self, own: str, column: ColumnMap) -> InputError:
@@ -146,6 +150,8 @@ class CsvSource:
             for mark, name in ((";", ";"), ("\t", "tab"), (",", ","), ("|", "|")):
                 if mark in self.names[0] and mark != self.fmt.delimiter:
                     return f'The header looks separated otherwise: set delimiter = "{name}" in its [format].'
+            if len(self.names[0].split()) > 1 and self.fmt.delimiter != "whitespace":
+                return 'The header looks separated by spaces: set delimiter = "whitespace" in its [format].'
         if all(_is_number(n, self.fmt.decimal) for n in self.names):
             return ("The first row holds numbers, so the file seems to have no header: set header = false in "
                     "its [format] and give the columns by number, e.g. columns.time_s = { index = 1 }.")
@@ -304,10 +310,16 @@ class CsvSource:
             return InputError(f"{self.label}, row {number}: zero bytes instead of a number; the recorder "
                               "stopped while writing. Delete the rows from there on.")
         remedy = "Write the number, or nan for a gap."
-        if self.fmt.decimal == "." and to_float(text, ",") is not None:
+        if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?", text):
+            remedy = ('Does the comma separate thousands? Then write the numbers without it; if it is a decimal comma, '
+                      'set decimal = "," in its [format].')
+        elif self.fmt.decimal == "." and to_float(text, ",") is not None:
             remedy = 'The number has a decimal comma: set decimal = "," in its [format].'
         elif self.fmt.decimal == "," and to_float(text, ".") is not None:
             remedy = 'The number has a decimal point: set decimal = "." in its [format].'
+        elif (time_format := likely_format(text)) is not None:
+            remedy = (f"That is a time written as text: set columns.time_s = {{ name = "
+                      f'"{_readable(self.names[position])}", time_format = "{time_format}" }} in its [format].')
         elif first and self.fmt.header:
             remedy = ("If that is a second header line (units), set header = 2 in its [format]; otherwise "
                       "write the number, or nan for a gap.")

@@ -69,9 +69,14 @@ def read_document(path: Path, free_kinds: bool = False) -> Document:
     """
     label = path.name
     try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        raw = path.read_bytes()
+    except OSError as exc:
+        raise InputError(f"{path}: cannot be read ({exc.strerror or exc}). Change its permissions, or copy it anew."
+                         ) from exc
+    try:
+        content = tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as exc:
-        line = path.read_bytes()[: exc.start].count(b"\n") + 1
+        line = raw[: exc.start].count(b"\n") + 1
         raise InputError(f"{path}, line {line}: the file is not UTF-8. Save it as UTF-8.") from exc
     except tomllib.TOMLDecodeError as exc:
         found = re.search(r"line (\d+)", str(exc))
@@ -172,5 +177,4 @@ def _kind(kind: str, fmt: FormatMap, where: str, free_kinds: bool) -> str:
         return kind
     if fmt.columns and (free_kinds or near(kind, KINDS, 0.7) is None):
         return kind
-    raise InputError(f'{where}: unknown kind "{kind}". {did_you_mean(kind, KINDS)} For a model of your own a '
-                     'kind is free, but then [format] must name the columns.')
+    raise InputError(f'{where}: unknown kind "{kind}". {did_you_mean(kind, KINDS)}')

@@ -217,10 +217,14 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
     # a recording may begin after the step, so the most that can be expected counts from rest
     most = _maxwell_stroke(a, largest)
     least = _maxwell_stroke(a, largest - (0.0 if low <= 0.0 <= high else min(low**2, high**2)))
-    if not most or least is None:
-        return
     sensor = sensors.get("displacement", Sensor())
     floor = max(sensor.fluctuation or 0.0, sensor.resolution or 0.0)
+    if low == high and usual > 10.0 * floor > 0.0 and _structured(r.columns["displacement_m"]):
+        taken = ("is it the right column?" if low == 0.0 else
+                 "it is taken as a step from rest at the first row. Is it the right column?")
+        warnings.append(f"{r.name}: voltage_V stays at {low:g} V while displacement_m moves by {stroke:.3g} m; {taken}")
+    if not most or least is None:
+        return
 
     def said(expected: float) -> str:
         return (f"{r.name}: displacement_m spans {stroke:.3g} m where about {expected:.2g} m are expected "

@@ -49,7 +49,9 @@ class _Step:
         begin = float(self.time[0])
         first = int(np.searchsorted(self.time, begin + 0.6 * until_s))
         last = int(np.searchsorted(self.time, begin + until_s, side="right"))
-        return float(np.nanmedian(_some(self.reading[first:last]))) - self.rest
+        held = _some(self.reading[first:last])
+        held = held[np.isfinite(held)]
+        return float(np.median(held)) - self.rest if held.size else float("nan")
 
     @property
     def length_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.campaign.scratch import Scratch
-from bayes_dea.campaign.vocabulary import did_you_mean
+from bayes_dea.campaign.units import Affine, conversion
+from bayes_dea.campaign.vocabulary import did_you_mean, near
 from bayes_dea.errors import InputError
 
 _SUFFIXES = {".mat": "mat", ".h5": "hdf5", ".hdf5": "hdf5", ".hdf": "hdf5", ".he5": "hdf5",
@@ -92,10 +94,26 @@ def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str]
         return InputError(f"{label}: there is no column {column.index} (for {own}); the file has "
                           f"{len(names)} columns: {', '.join(names[:30])}. Correct columns.{own}.index.")
     found = did_you_mean(column.name, names).replace("Known:", "Columns found:")
-    remedy = hint or (f'Rename it in the file, or say what it is called there: [format] columns.{own} = '
-                      '"..." in campaign.toml.')
+    remedy = hint or (f"Rename it in the file, or say what it is called there: [format] columns.{own} = "
+                      f"{_entry(own, near(column.name, names))} in campaign.toml.")
     called = f'column "{column.name}"' + (f" (for {own})" if column.name != own else "")
     return InputError(f"{label}: {called} is missing. {found} {remedy}")
+
+
+def _entry(own: str, name: str | None) -> str:
+    """What to write for a column in [format]: its name there, and its unit where the name says another than ours."""
+    if name is None:
+        return '"..."'
+    quoted = '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    said = re.search(r"[\[(/_]\s*([A-Za-z\u00b0\u00b5\u03bc%]+)\s*[\])]?$", name)
+    if said is not None:
+        try:
+            factor = conversion(said[1], own)
+        except InputError:
+            return quoted
+        if factor != Affine():
+            return f'{{ name = {quoted}, unit = "{said[1]}" }}'
+    return quoted
 
 
 def text_times(texts: Iterable[object], column: ColumnMap, label: str, what: str) -> NDArray[np.float64]:

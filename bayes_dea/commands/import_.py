@@ -50,11 +50,11 @@ def import_(
 ) -> None:
     """Look at recordings of another make and write their campaign.toml.
 
-    Finds columns, units, signs and sample rate, where recordings begin and their kinds.
+    Finds columns, units, signs and sample rate, where recordings begin and their kinds. Every choice is written beside
+    its reason.
 
-    Every choice is written beside its reason. What no file says is asked on a terminal.
-
-    Without one it is named, and what needs an answer is commented out (exit status 2).
+    What no file says is asked on a terminal. Without one it is named, and what needs an answer is commented out (exit
+    status 2).
     """
     from ..errors import InputError
     from ..importing import answered, import_files, nobody
@@ -66,11 +66,13 @@ def import_(
             raise InputError(f"--answer {text}: write it as FILE:MATTER=VALUE, as the question names it.")
         answers[key] = value
     there = sys.stdin.isatty() and sys.stdout.isatty() and not quiet and not json_output
+    used: set[str] = set()
     # questions and a progress bar would write over each other
     with writing(out), progress(quiet or json_output or there) as report:
         done = import_files(
-            files, out, answered(answers, _ask if there else nobody), actuator, copy, overwrite, report
+            files, out, answered(answers, _ask if there else nobody, used), actuator, copy, overwrite, report
         )
+    idle = [f"{key}={value}" for key, value in answers.items() if key not in used]
     if json_output:
         import json
 
@@ -78,7 +80,7 @@ def import_(
 
         typer.echo(json.dumps(summary(done), indent=1, ensure_ascii=False))
     elif not quiet:
-        _show(done, actuator is not None)
+        _show(done, actuator is not None, idle)
     _leave(done)
 
 
@@ -114,7 +116,7 @@ def _ask(question: Question) -> str | None:
             typer.echo(str(error), err=True)
 
 
-def _show(done: Imported, given: bool) -> None:
+def _show(done: Imported, given: bool, idle: list[str]) -> None:
     import textwrap
 
     from ..importing.propose import FREE_KIND
@@ -140,6 +142,7 @@ def _show(done: Imported, given: bool) -> None:
         ("Left out", left_out),
         ("Assumed; please check", list(proposal.assumed)),
         ("Undecided", list(proposal.open)),
+        ("Answers to what no file asked", idle),
         ("Reading it says", list(done.warnings)),
     ):
         if not texts:
@@ -159,7 +162,9 @@ def _show(done: Imported, given: bool) -> None:
         if len(texts) > _MOST:
             typer.echo(f"- ... and {len(texts) - _MOST} more, all in {done.toml.name}")
     typer.echo(f"\nCampaign, with the reasons: {done.toml}")
-    if recordings:
+    if recordings and not done.call:
+        typer.echo("No model of bayes-dea reads these recordings: none is of an actuator.")
+    elif recordings:
         given = given or not ours
         typer.echo(f"{'Then' if given else 'Fill in geometry and sensor accuracies there, then'}:\n  {done.call}")
 

@@ -90,7 +90,10 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
         raise InputError(f"--priors {file}: is a folder; give a prior file (TOML, see priors/README.md)")
     out: dict[str, Any] = dict(read_prior_file(file)) if file is not None else {}
     for text in prior or []:
-        name, value = parse_override(text)
+        try:
+            name, value = parse_override(text)
+        except InputError as error:
+            raise InputError(f"--prior {text!r}: {error}") from error
         out[name] = value
     return out
 

@@ -43,7 +43,7 @@ def paper(
     paper.json and report.html in --out, which reads like a companion to the paper.
 
     Each part is kept as it is finished; interrupted, the same command goes on to the
-    same numbers. About 10 minutes on two processors, a part on each.
+    same numbers. Three to five minutes on two processors, a part on each.
     """
     from ..errors import InputError
     from ..paper.run import PaperSettings, chosen, redo_paper

@@ -7,6 +7,7 @@ import datetime
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -49,14 +50,18 @@ class _Lines:
 
     def __init__(self) -> None:
         self.phase = ""
-        self.began = self.last = 0.0
+        self.began = self.last = self.done = 0.0
 
     def __call__(self, phase: str, done: float, of: float, text: str) -> None:
         now = time.monotonic()
-        if phase != self.phase:
+        again = phase == self.phase and done == 0 < self.done
+        self.done = done
+        if again:  # the phase begins once more
+            self.began = now
+        elif phase != self.phase:
             self.phase, self.began, self.last = phase, now, now
             print(f"{phase} ...", file=sys.stderr, flush=True)
-        elif done > 0 and now - self.last >= _SECONDS_BETWEEN_LINES:
+        if done > 0 and now - self.last >= _SECONDS_BETWEEN_LINES:
             self.last = now
             left = (now - self.began) * max(of - done, 0.0) / done
             line = f"{phase}: {100 * min(done / of, 1.0):.0f} %, about {duration(left)} left"
@@ -90,18 +95,22 @@ def _bar() -> Iterator[Report]:
             return Text(str(datetime.timedelta(seconds=round(left))), style="progress.remaining")
 
     # one line of a terminal of 80 columns; what does not fit is cut rather than wrapped
-    bar = Progress(TextColumn("{task.description}", table_column=Column(width=18, no_wrap=True)), BarColumn(12),
+    bar = Progress(TextColumn("{task.description}", table_column=Column(width=21, no_wrap=True)), BarColumn(12),
                    TimeElapsedColumn(), Left(),
                    TextColumn("{task.fields[text]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
                    console=Console(stderr=True), transient=True, expand=True)
-    tasks: dict[str, Any] = {}
+    now: dict[str, Any] = {"phase": "", "done": 0.0}
+    alone = threading.Lock()  # recordings are read and predicted in threads, each of which reports
 
     def update(phase: str, done: float, of: float, text: str) -> None:
-        if phase not in tasks:
-            for task in tasks.values():
-                bar.update(task, completed=1, total=1, visible=False)
-            tasks[phase] = bar.add_task(phase, total=None, text="")
-        bar.update(tasks[phase], completed=done, total=of if done > 0 else None, text=text, visible=True)
+        with alone:
+            # a phase that begins once more is a line of its own: its elapsed time is not that of the one before
+            if phase != now["phase"] or (done == 0 < now["done"]):
+                if "task" in now:
+                    bar.remove_task(now["task"])
+                now["phase"], now["task"] = phase, bar.add_task(phase, total=None, text="")
+            now["done"] = done
+            bar.update(now["task"], completed=done, total=of if done > 0 else None, text=text)
 
     with bar:
         yield update

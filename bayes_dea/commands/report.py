@@ -15,13 +15,15 @@ EXAMPLE = "Example: bayes-dea report out"
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of calibrate, diagnose, compare, next or "
-                                            "paper.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of calibrate, diagnose, compare, next, "
+                                            "paper or predict.")],
     static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
                                          "repository.")] = False,
     quiet: QuietOption = False,
 ) -> None:
     """Draw report.html again from the JSON and data in a folder."""
+    from ..errors import InputError
+    from ..prediction.redraw import redraw_prediction_page
     from ..report.comparison_page import write_comparison_page
     from ..report.diagnosis_page import write_diagnosis_page
     from ..report.next_page import write_next_page
@@ -35,8 +37,13 @@ def report(
         "comparison.json": lambda say: write_comparison_page(folder, say),
         "next.json": lambda say: write_next_page(folder, say),
         "paper.json": lambda say: write_paper_page(folder, say),
+        "prediction.json": lambda say: redraw_prediction_page(folder, say),
     }
-    kind = next((name for name in pages if (folder / name).is_file()), "calibration.json")
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder; give the --out of an earlier run")
+    kind = next((name for name in pages if (folder / name).is_file()), None)
+    if kind is None:
+        raise InputError(f"{folder}: holds no result to draw ({', '.join(pages)}); give the --out of an earlier run")
     with progress(quiet) as say:
         def drawn(done: float, of: float, text: str) -> None:
             say("drawing the page", done, of, text)

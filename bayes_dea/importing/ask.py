@@ -53,12 +53,17 @@ def nobody(question: Question) -> str | None:
     return None
 
 
-def answered(answers: Mapping[str, str], otherwise: Asker = nobody) -> Asker:
-    """Answers given beforehand, by key; a key may begin with "*" for all files ("*:rate_Hz")."""
+def answered(answers: Mapping[str, str], otherwise: Asker = nobody, used: set[str] | None = None) -> Asker:
+    """Answers given beforehand, by key; a key may begin with "*" for all files ("*:rate_Hz").
+
+    used: gets the keys that were asked for.
+    """
 
     def ask(question: Question) -> str | None:
         for key in (question.key, f"*:{question.matter}"):
             if key in answers:
+                if used is not None:
+                    used.add(key)
                 return question.check(answers[key])
         return otherwise(question)
 

@@ -5,7 +5,7 @@ decides.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -111,15 +111,20 @@ def propose(
     ask: Asker = nobody,
     actuator: Actuator | None = None,
     skipped: Sequence[tuple[Path, str]] = (),
+    tell: Callable[[float, float, str], None] = lambda *_: None,
 ) -> Proposal:
     """Proposes the recordings of some tables.
 
     `ask` answers what the files leave open; where it gives None the fallback is taken and said, or the recording is
-    left
-    unusable. `actuator` narrows units by what it can do. Raises InputError for an answer that makes no sense.
+    left unusable. `actuator` narrows units by what it can do. `tell` is called with (done, of, name) for each table.
+    Raises InputError for an answer that makes no sense.
     """
     known = actuator or Actuator()
-    return Proposal(_unique_names([_one_table(t, ask, known) for t in tables]), tuple(skipped))
+    reports = []
+    for i, table in enumerate(tables):
+        tell(i, len(tables), table.label)
+        reports.append(_one_table(table, ask, known))
+    return Proposal(_unique_names(reports), tuple(skipped))
 
 
 def _unique_names(reports: list[TableReport]) -> tuple[TableReport, ...]:

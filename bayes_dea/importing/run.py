@@ -80,7 +80,8 @@ def read_tables(path: Path | None) -> tuple[dict[str, Any], Actuator]:
     if path is None:
         return {}, Actuator()
     if not path.is_file():
-        raise InputError(f"--actuator {path}: there is no such file.")
+        why = "is a folder; give the TOML file in it" if path.is_dir() else "there is no such file"
+        raise InputError(f"--actuator {path}: {why}.")
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -104,10 +105,9 @@ def import_files(
     """Looks at files, writes `out`/campaign.toml and reads it back.
 
     `ask` answers what the files leave open. `copy` copies the files into `out`, otherwise the campaign points at
-    them where
-    they lie (below the data root in the call). Raises InputError for files that are not there, that are damaged, or
-    where no
-    file holds a table of numbers; and where `out` holds a campaign already and `overwrite` is not said.
+    them where they lie (below the data root in the call). `report` is called with (phase, done, of, name). Raises
+    InputError for files that are not there, that are damaged, or where no file holds a table of numbers; and where
+    `out` holds a campaign already and `overwrite` is not said.
     """
     toml = out / TOML_NAME
     if toml.exists() and not overwrite:
@@ -116,13 +116,13 @@ def import_files(
     tables, known = read_tables(actuator)
     found: list[RawTable] = []
     skipped: list[tuple[Path, str]] = []
+    say = report or (lambda *_: None)
     for i, path in enumerate(files):
-        if report is not None:
-            report("looking", i, len(files), path.name)
+        say("looking", i, len(files), path.name)
         found += _tables_of(path, skipped)
     if not found:
         raise InputError("No table of numbers was found. " + " ".join(f"{p.name}: {why}." for p, why in skipped[:5]))
-    proposal = propose(found, ask, known, skipped)
+    proposal = propose(found, ask, known, skipped, lambda *at: say("deciding", *at))
     paths = list(dict.fromkeys(t.path for t in found))
     proposal = _with_types(proposal)
     if copy:
@@ -130,14 +130,14 @@ def import_files(
         root = None
     else:
         names, root = names_of_files(paths, out)
-    call = f"bayes-dea calibrate {shlex.quote(str(out))}" + (f" --data-root {shlex.quote(str(root))}" if root else "")
-    ours = any(r.kind != FREE_KIND for r in proposal.recordings) or not proposal.recordings
-    call += " --model " + ("hooke+gm3" if ours else "FILE.py:NAME")
-    if report is not None:
-        report("writing", 0, 1, str(toml))
+    call = ""  # what is no recording of an actuator, no model here reads
+    if any(r.kind != FREE_KIND for r in proposal.recordings) or not proposal.recordings:
+        there = f" --data-root {shlex.quote(str(root))}" if root else ""
+        call = f"bayes-dea calibrate {shlex.quote(str(out))}{there} --model hooke+gm3"
+    say("writing", 0, 1, str(toml))
     text = toml_text(proposal, names, call, tables)
     write_atomic(toml, lambda temporary: temporary.write_text(text, encoding="utf-8"))
-    warnings, unreadable = _read_back(toml, root, proposal)
+    warnings, unreadable = _read_back(toml, root, proposal, lambda *at: say("reading back", *at))
     return Imported(proposal, toml, call, root, warnings, unreadable)
 
 
@@ -194,7 +194,9 @@ def _same_file(a: Path, b: Path) -> bool:
     return a.resolve() == b.resolve() or filecmp.cmp(a, b, shallow=False)
 
 
-def _read_back(toml: Path, root: Path | None, proposal: Proposal) -> tuple[tuple[str, ...], str | None]:
+def _read_back(
+    toml: Path, root: Path | None, proposal: Proposal, tell: Callable[[float, float, str], None]
+) -> tuple[tuple[str, ...], str | None]:
     """Warnings of the campaign as it was written, or the message with which it refuses."""
     usable = [r for r in proposal.recordings if r.usable]
     if not usable:
@@ -202,7 +204,7 @@ def _read_back(toml: Path, root: Path | None, proposal: Proposal) -> tuple[tuple
     try:
         free = all(r.kind == FREE_KIND for r in usable)
         read_document(toml, free_kinds=free)
-        return load_campaign(toml, root, free_kinds=free).warnings, None
+        return load_campaign(toml, root, free_kinds=free, report=tell).warnings, None
     except InputError as error:
         return (), str(error)
 
@@ -212,7 +214,7 @@ def summary(done: Imported) -> Mapping[str, Any]:
     p = done.proposal
     return {
         "campaign": str(done.toml),
-        "call": done.call,
+        "call": done.call or None,
         "complete": done.complete,
         "recordings": [
             {

@@ -43,7 +43,7 @@ def toml_text(
     lines = _comment(
         [
             "Proposed by bayes-dea import from the files themselves; every choice has its reason beside it.",
-            f"Then: {call}",
+            f"Then: {call}" if call else "No model of bayes-dea reads these recordings: none is of an actuator.",
         ]
     )
     if proposal.open:
@@ -141,7 +141,7 @@ def _report(report: TableReport, files: Mapping[Path, str], shared: FormatMap | 
     if report.remark:
         lines += _comment([f"{report.remark}."])
         if report.recordings:
-            lines += _comment([f'A model of your own reads it as kind "{FREE_KIND}"; the built-in ones do not.'])
+            lines += _comment([f'Kept as kind "{FREE_KIND}", which load_campaign reads in Python; no model does.'])
     for recording in report.recordings:
         body = _recording(recording, files[recording.path], shared)
         active = recording.usable and not (recording.kind == FREE_KIND and real)

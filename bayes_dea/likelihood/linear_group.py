@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -117,9 +117,16 @@ class LinearGroup:
 
 
 def build_linear_groups(
-    prepared: Sequence[Prepared], terms: dict[str, NoiseTerms], rates: RateClasses, workers: int = 1
+    prepared: Sequence[Prepared],
+    terms: dict[str, NoiseTerms],
+    rates: RateClasses,
+    workers: int = 1,
+    report: Callable[[float, float, str], None] | None = None,
 ) -> list[LinearGroup]:
-    """One group per specimen from voltage recordings; `terms` by recording name, `rates` by sampling step."""
+    """One group per specimen from voltage recordings; `terms` by recording name, `rates` by sampling step.
+
+    report: called with (done, of, name) as the sums of recordings are collected.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
     if not prepared:
@@ -149,7 +156,11 @@ def build_linear_groups(
         return out
 
     with threadpool_limits(1), ThreadPoolExecutor(max(1, workers)) as pool:
-        grams = {name: gram for part in pool.map(chain, chains) for name, gram in part}
+        grams: dict[str, RecordGram] = {}
+        for part in pool.map(chain, chains):
+            grams.update(part)
+            if report is not None:
+                report(len(grams), len(prepared), f"sums of {part[-1][0]}")
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):
         members = [p for p in prepared if p.recording.specimen == specimen]

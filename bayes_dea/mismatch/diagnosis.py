@@ -35,6 +35,7 @@ from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .seen import Seen
 from .summary import say_clipped, say_odd, summarise
+from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
@@ -178,7 +179,9 @@ def _once(
         report=lambda *at: say("fitting", *at),
     )
     lap("map")
+    say("refining the fit", 0, 3, "blocks of samples")
     pieces = reduce_campaign(assembled)
+    say("refining the fit", 1, 3, model.name)
     prior = noise_prior(assembled)
     problem = replace(Problem.of(assembled, model, [p for p in pieces if p.identify]), journal=journal)
     zeros = posterior.zeros_part(found.x[None])
@@ -189,6 +192,7 @@ def _once(
     if base is None:
         raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
     seen = Seen(base, pieces, prior)
+    say("refining the fit", 2, 3, "false readings")
     if limit is not None:
         seen.keep_below(limit)
     for _ in range(_ROUNDS):
@@ -223,11 +227,12 @@ def _once(
         assert found is not None
         return found
 
-    retimed = _retimed(seen.base, prior, r_name)
+    say("refining the fit", 3, 3, "")
+    retimed = _retimed(seen.base, prior, r_name, lambda *at: say("rereading", *at))
     if retimed is not None:
         seen.take(retimed)
     naming = named()
-    reread = _reread(naming, prior, r_name)
+    reread = _reread(naming, prior, r_name, lambda *at: say("rereading", *at))
     if reread is not None:
         say("reading the campaign again", 0, 1, reread.odd or f"hold = {reread.hold}")
         seen.take(reread)
@@ -250,7 +255,7 @@ def _once(
     if limit is not None:
         whole = {p.name: p for p in restored([p for p in scored if not p.identify], campaign, limit)}
         scored = tuple(whole.get(p.name, p) for p in scored)
-    proof, how = _proof(base, corrected, scored, prior, clip, in_turn)
+    proof, how = _proof(base, corrected, scored, prior, clip, in_turn, lambda *at: say("proving", *at))
     against = None
     if verdict != UNKNOWN and naming.best.adequate:
         # of what explains the recordings, claimed or not: a shift of less than a sample is part of it
@@ -258,19 +263,21 @@ def _once(
         by_name = {p.name: p for p in seen.pieces}
         explained = replace(explained, problem=replace(
             explained.problem, pieces=tuple(by_name[p.name] for p in explained.problem.pieces)))
+        say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
     lap("prove")
     say("asking", 0, 1, "the next experiment")
     members = indistinguishable(verdict, raw)
-    ask = _ask(naming, [physics[m] for m in members], base)
+    ask = _ask(naming, [physics[m] for m in members], base, lambda *at: say("asking", *at))
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
-        ask = first_experiment(base, base.problem.pieces[0].recording.actuator)
+        ask = first_experiment(base, base.problem.pieces[0].recording.actuator, lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
     if verdict in delays:
         notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:
-        notes += held_out_gains(corrected, tuple(p for p in scored if not p.identify))
+        held = tuple(p for p in scored if not p.identify)
+        notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
     summary = summarise(
         assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model
@@ -294,21 +301,22 @@ def _resolution(campaign: Campaign) -> float:
     return sensor.resolution if sensor is not None and sensor.resolution else _RESOLUTION_M
 
 
-def _retimed(base: Fit, prior: NoisePrior, rng: np.random.Generator) -> Rereading | None:
+def _retimed(base: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence) -> Rereading | None:
     """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that."""
     if scan(base, rng).p_value > ADEQUATE:
         return None
-    found = [r for r in other_holds(base, prior, rng) if r.base.log_evidence > base.log_evidence + _BY_FAR]
+    found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
     return max(found, key=lambda r: r.log_weight) if found else None
 
 
-def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator) -> Rereading | None:
+def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence) -> Rereading | None:
     """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
     if naming.none.adequate:
         return None
-    found = [*other_holds(naming.none.weighed.fit, prior, rng), *odd_one_out(naming.none.weighed.fit, prior, rng)]
+    fit = naming.none.weighed.fit
+    found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
     if not naming.best.adequate and naming.best is not naming.none:
-        found += odd_one_out(naming.best.weighed.fit, prior, rng)
+        found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
     if not found:
         return None
     top = max(found, key=lambda r: r.log_weight)
@@ -324,23 +332,26 @@ def _proof(
     prior: NoisePrior,
     limit_m: float = math.inf,
     in_turn: tuple[str, ...] = (),
+    tell: Tell = silence,
 ) -> tuple[list[HeldOut], str]:
     """Held-out scores on the recordings to validate, or leaving out those to identify (some of them) in turn."""
     held = tuple(p for p in pieces if not p.identify)
     if held:
-        return held_out(base, corrected, held, limit_m), "validate"
+        return held_out(base, corrected, held, limit_m, tell), "validate"
     if len(base.problem.pieces) < 2:
         return [], "none"
-    return leave_out_in_turn(base, corrected, prior, in_turn), "left out in turn"
+    return leave_out_in_turn(base, corrected, prior, in_turn, tell), "left out in turn"
 
 
-def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = ()) -> list[HeldOut]:
+def leave_out_in_turn(
+    base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = (), tell: Tell = silence
+) -> list[HeldOut]:
     """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
     out = []
     used = base.problem.pieces
-    for piece in used:
-        if names and piece.name not in names:
-            continue
+    asked = [p for p in used if not names or p.name in names]
+    for k, piece in enumerate(asked):
+        tell(k, len(asked), piece.name)
         rest = tuple(p for p in used if p is not piece)
         fits = []
         for fit in (base, corrected):
@@ -350,7 +361,7 @@ def leave_out_in_turn(base: Fit, corrected: Fit, prior: NoisePrior, names: tuple
     return out
 
 
-def _ask(naming: Naming, members: list[str], base: Fit) -> dict[str, Any]:
+def _ask(naming: Naming, members: list[str], base: Fit, tell: Tell = silence) -> dict[str, Any]:
     fits, names = [], []
     for name in list(dict.fromkeys(members))[:2]:
         fit = base if name == NONE else naming.weighed[name].fit if name in naming.weighed else None
@@ -360,7 +371,7 @@ def _ask(naming: Naming, members: list[str], base: Fit) -> dict[str, Any]:
     if len(fits) < 2:
         return {"why": "one explanation is left; more of the recordings at hand would sharpen it", "recording": {}}
     actuator = base.problem.pieces[0].recording.actuator
-    return next_experiment(fits, names, actuator)
+    return next_experiment(fits, names, actuator, tell)
 
 
 __all__ = ["Diagnosis", "DiagnosisSettings", "Explanation", "diagnose", "registered_effects"]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .features import HARMONICS, Features, features
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
+from .telling import Tell, silence
 from .whitening import Shared
 
 Array = NDArray[np.float64]
@@ -91,7 +92,9 @@ class Discrepancy:
     amplitude_m: float
 
 
-def discrepancy(fit: Fit, columns: list[Array], prior: NoisePrior, starts: Sequence[Array] = ()) -> Discrepancy:
+def discrepancy(
+    fit: Fit, columns: list[Array], prior: NoisePrior, starts: Sequence[Array] = (), tell: Tell = silence
+) -> Discrepancy:
     """Evidence of a model with a discrepancy beside it, relative to the fit alone; the model is refitted with it.
 
     starts: further coordinates to begin from (a model that imitated what was left out has to find back).
@@ -100,7 +103,8 @@ def discrepancy(fit: Fit, columns: list[Array], prior: NoisePrior, starts: Seque
     best = (-math.inf, 0.0)
     seeds = [fit.q, *starts]
     shared = Shared(columns)
-    for a in AMPLITUDES_M:
+    for k, a in enumerate(AMPLITUDES_M):
+        tell(k, AMPLITUDES_M.size, f"a discrepancy of {1e6 * a:.1f} um")
         problem = replace(fit.problem, shared=shared, amplitude_m=float(a))
         found = [
             f for q in seeds if (f := refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False)) is not None

@@ -23,6 +23,7 @@ from .noise_prior import NoisePrior
 from .refit import Fit
 from .search import Report, beside, frames_of, on_grids, refined, second_thoughts, typical
 from .slow_start import LIMITS, low_start
+from .telling import Tell, silence
 from .weigh import Frame, Screened, Weighed
 
 Array = NDArray[np.float64]
@@ -63,11 +64,16 @@ class Naming:
 
 
 def explain(
-    weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior
+    weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
+    tell: Tell = silence,
 ) -> Explanation:
     """A hypothesis with its adequacy and, where it is adequate, what a discrepancy would add."""
+    tell(1, 6, weighed.name)
     found = Explanation(weighed, scan(weighed.fit, rng, looks))
-    return replace(found, discrepancy=discrepancy(weighed.fit, columns, prior)) if found.adequate else found
+    if not found.adequate:
+        return found
+    beside = discrepancy(weighed.fit, columns, prior, (), lambda done, of, text: tell(2 + done, 2 + of, text))
+    return replace(found, discrepancy=beside)
 
 
 def name_physics(
@@ -93,12 +99,15 @@ def name_physics(
     say = report or (lambda *_: None)
     columns = basis(base, looks)
     model = base.problem.model
+    say("finding starts", 0, 3, "slow waves and plateaus")
     frames = frames_of(base, looks, prior)
+    say("finding starts", 1, 3, "what is left")
     none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, looks))
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces}, established)
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
     low = None
     if not none.adequate and any(n in LIMITS for n in names):
+        say("finding starts", 2, 3, "the lower half of the range")
         level = typical(base)
         level[model.dimension + base.problem.zero_mean.size :] = 0.0
         low = low_start(base, prior, [level])
@@ -109,6 +118,9 @@ def name_physics(
     if weighed is None:
         return None
     odds = prior_odds()
+
+    def left(done: float, of: float, text: str) -> None:
+        say("checking what is left", done, of, text)
 
     def enough(w: Weighed) -> bool:
         return w.size_m >= resolution_m
@@ -134,10 +146,10 @@ def name_physics(
     best = none
     others: list[Explanation] = []
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
-        say("checking what is left", 0, 1, ranked[0].name)
+        left(0, 6, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
-        best = explain(thoughts(ranked[0]), looks, columns, rng, prior)
+        best = explain(thoughts(ranked[0]), looks, columns, rng, prior, left)
         others.append(best)
     # more than one effect, where one is not enough
     for _ in range(most_effects):
@@ -157,7 +169,7 @@ def name_physics(
         if spoiled is not None and spoiled(top.fit):
             return None
         top = thoughts(top)
-        best = explain(top, looks, columns, rng, prior)
+        best = explain(top, looks, columns, rng, prior, left)
         others.append(best)
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}
@@ -171,7 +183,7 @@ def name_physics(
     if best.discrepancy is None:
         # what imitated something that was left out has to find back
         starts = [f.fit.q for f in frames[1:]] if best is none else []
-        best = replace(best, discrepancy=discrepancy(best.weighed.fit, columns, prior, starts))
+        best = replace(best, discrepancy=discrepancy(best.weighed.fit, columns, prior, starts, left))
         none = best if best.weighed is none.weighed else none
     evidence[UNKNOWN] = max(
         e.weighed.log_evidence + e.discrepancy.gain for e in (best, *others) if e.discrepancy is not None

@@ -12,6 +12,7 @@ from ..noise.blocks import block_means
 from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit
+from .telling import Tell, silence
 from .whitening import whiten
 
 Array = NDArray[np.float64]
@@ -39,13 +40,16 @@ class HeldOut:
     time_s: Array
 
 
-def held_out(before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf) -> list[HeldOut]:
+def held_out(
+    before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf, tell: Tell = silence
+) -> list[HeldOut]:
     """Score pieces under two fits, each with its own offset, gain and mains line.
 
     limit_m: end of the displacement sensor's range, which the second fit takes into account.
     """
     fits, rows, means = [], [], []
-    for unseen in (before, after):
+    for k, unseen in enumerate((before, after)):
+        tell(k, 3, unseen.problem.model.name)
         fit, opened = with_zeros(unseen, pieces)
         problem = replace(fit.problem, pieces=opened)
         fits.append(fit)

@@ -20,6 +20,7 @@ from .problem import Problem
 from .prove import offset_and_gain
 from .reduced import Piece, renoded
 from .refit import Fit, inverse, prior_derivatives, refit
+from .telling import Tell, silence
 
 Array = NDArray[np.float64]
 
@@ -45,14 +46,16 @@ class Rereading:
     ratio_se: float = 0.0
 
 
-def other_holds(base: Fit, prior: NoisePrior, rng: np.random.Generator) -> list[Rereading]:
+def other_holds(
+    base: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> list[Rereading]:
     """The base with every command read by another convention, where nothing is left in its residuals then."""
     pieces = base.problem.pieces
     own = {p.recording.hold for p in pieces if p.nodes is not None}
+    others = [hold for hold in HOLDS if own and own != {hold}]
     out = []
-    for hold in HOLDS:
-        if own == {hold} or not own:
-            continue
+    for k, hold in enumerate(others):
+        tell(k, len(others), f"hold = {hold}")
         moved = tuple(with_hold(p, hold) for p in pieces)
         fit = refit(replace(base.problem, pieces=moved), base.q, prior.start(), prior)
         if fit is not None and fit.log_evidence > base.log_evidence and scan(fit, rng).p_value > ADEQUATE:
@@ -71,7 +74,9 @@ def with_hold(piece: Piece, hold: str) -> Piece:
     return renoded(piece, replace(piece.prepared, recording=recording), make_nodes(recording), past)
 
 
-def odd_one_out(fit: Fit, prior: NoisePrior, rng: np.random.Generator) -> list[Rereading]:
+def odd_one_out(
+    fit: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> list[Rereading]:
     """The fit without one recording that has an actuator of its own.
 
     Every voltage recording is left out in turn and fitted alone. It is of another actuator where nothing is left in
@@ -83,7 +88,8 @@ def odd_one_out(fit: Fit, prior: NoisePrior, rng: np.random.Generator) -> list[R
     if len(voltage) <= _LEAST_LEFT:
         return []
     out = []
-    for i in voltage:
+    for k, i in enumerate(voltage):
+        tell(k, len(voltage), f"without {pieces[i].name}")
         rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
         if _expected_chi2(fit, rest, i, prior) > _HOPELESS_CHI2:
             continue
@@ -124,14 +130,24 @@ def _chi2(fit: Fit) -> float:
 
 def _ratio(others: Fit, piece: Piece) -> tuple[float, float]:
     """Gain of a piece over the one that the others share, and its se with what the gains of those scatter by."""
-    problem = replace(others.problem, pieces=(*others.problem.pieces, piece))
-    _, gains = problem.beside(others.q)
-    found = []
-    for p, x in zip(problem.pieces, problem.rows(others.q), strict=True):
-        if p.channel == "displacement":
-            found.append(offset_and_gain(p, x)[1][0] / (1.0 + float(gains[p.group])))
-    spread = float(np.std(found[:-1], ddof=1)) if len(found) > 2 else math.inf
-    return found[-1], spread
+    used = [p for p in others.problem.pieces if p.channel == "displacement"]
+    *found, own = _sizes(others, [*used, piece])
+    return own, _spread(found)
+
+
+def _sizes(fit: Fit, pieces: list[Piece], tell: Tell = silence) -> list[float]:
+    """Gain of each piece over the one that its group shares."""
+    _, gains = fit.problem.beside(fit.q)
+    out = []
+    for k, p in enumerate(pieces):
+        tell(k, len(pieces), p.name)
+        (x,) = replace(fit.problem, pieces=(p,)).rows(fit.q)
+        out.append(offset_and_gain(p, x)[1][0] / (1.0 + float(gains[p.group])))
+    return out
+
+
+def _spread(found: list[float]) -> float:
+    return float(np.std(found, ddof=1)) if len(found) > 1 else math.inf
 
 
 def _scaled(fit: Fit, ratio: float) -> np.ndarray:
@@ -160,16 +176,16 @@ def odd_note(r: Rereading) -> str:
     )
 
 
-def held_out_gains(fit: Fit, held: tuple[Piece, ...]) -> list[str]:
+def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> list[str]:
     """Warnings for recordings to validate whose size does not fit the actuator of the others."""
     used = [p for p in fit.problem.pieces if p.channel == "displacement"]
     out: list[str] = []
-    if len(used) < _LEAST_LEFT:
+    unseen = [p for p in held if p.channel == "displacement"]
+    if len(used) < _LEAST_LEFT or not unseen:
         return out
-    for piece in held:
-        if piece.channel != "displacement":
-            continue
-        ratio, se = _ratio(fit, piece)
+    found = _sizes(fit, [*used, *unseen], tell)
+    se = _spread(found[: len(used)])
+    for piece, ratio in zip(unseen, found[len(used) :], strict=True):
         if abs(ratio - 1.0) > max(_DIFFERENT, 8.0 * se):
             out.append(
                 f"{piece.name}: this recording does not belong to the actuator of the others: its displacement is "

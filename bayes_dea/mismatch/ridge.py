@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from .refit import Fit, bounds
+from .telling import Tell, silence
 from .weigh import Frame
 
 Array = NDArray[np.float64]
@@ -23,7 +24,9 @@ _DF, _WIDE, _ROUNDS = 4.0, 1.3, (40, 50, 70)
 _LEAST, _LOST = 5.0, 2.0
 
 
-def integrated(fit: Fit, own: NDArray[np.int64], rng: np.random.Generator) -> tuple[float, float] | None:
+def integrated(
+    fit: Fit, own: NDArray[np.int64], rng: np.random.Generator, tell: Tell = silence
+) -> tuple[float, float] | None:
     """Log evidence and its standard error; own: indices of the effect's parameters. None where draws do not do."""
     k = own.size
     frame = Frame(fit)
@@ -43,15 +46,18 @@ def integrated(fit: Fit, own: NDArray[np.int64], rng: np.random.Generator) -> tu
     here = _value(frame, fit, fit.q, rest, H_rest)
     centre, root = fit.q[own], _WIDE * laplace_root
     found: tuple[float, float] | None = None
+    done = 0
     for n in _ROUNDS:
         theta, log_q = _student(centre, root, n, rng)
         inside = np.all((theta > low[own]) & (theta < high[own]), axis=1)
         log_w = np.full(n, -np.inf)
         for i in np.flatnonzero(inside):
+            tell(done + int(i), sum(_ROUNDS), "")
             q = fit.q.copy()
             q[own] = theta[i]
             q[rest] += along @ (theta[i] - fit.q[own])
             log_w[i] = here - _value(frame, fit, q, rest, H_rest) - log_q[i]
+        done += n
         if not np.isfinite(log_w).any():
             return None
         w = np.exp(log_w - log_w.max())

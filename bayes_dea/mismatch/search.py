@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,10 +152,14 @@ def refined(
         narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
         if w.fit is base or _hopeful(w, base) < top - _RIVALS or narrow or own.size > 4:
             continue
-        better = integrated(w.fit, own, rng)
+        better = integrated(w.fit, own, rng, partial(_along, say, name))
         if better is not None:
             out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
     return out
+
+
+def _along(say: Report, name: str, done: float, of: float, _text: str) -> None:
+    say("along ridges", done, of, name)
 
 
 def _hopeful(w: Weighed, base: Fit) -> float:
@@ -181,7 +186,9 @@ def second_thoughts(
         for wide, narrow in CONTAINS.items()
         if wide in w.effects and narrow not in w.effects and narrow in names
     ]
-    for effects in simpler_ones:
+    steps = len(simpler_ones) + 2
+    for k, effects in enumerate(simpler_ones):
+        say("leaving one out", k, steps, "+".join(effects))
         m = extended(model, effects, laws)
         alone = within(w, base, m, prior) if m is not None else None
         if alone is not None:
@@ -192,7 +199,9 @@ def second_thoughts(
     m = extended(model, others, laws) if others else model
     if m is None:
         return out
+    say("leaving one out", steps - 2, steps, "+".join(others))
     simpler = in_place_of_one(w, base, m, prior)
+    say("leaving one out", steps - 1, steps, "+".join(others))
     if simpler is not None and simpler.effects:
         out.append(simpler)
     without = without_stand_in(w, m, prior)

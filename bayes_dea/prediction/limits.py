@@ -43,6 +43,11 @@ def check_units(signal: Signal, actuator: Actuator, seen: Mapping[str, float]) -
                 f"{signal.label}: voltage_V reaches {largest:g} V, while the actuator takes {usual:g} V: it seems to "
                 "be in mV. Divide the column by 1000"
             )
+    elif signal.column == "displacement_m" and float(np.max(signal.values)) <= 0.0 < largest:
+        raise InputError(
+            f"{signal.label}: displacement_m is nowhere above 0, and it is positive when the stack gets shorter. "
+            "Multiply the column by -1"
+        )
     elif height is not None and largest > height:
         raise InputError(
             f"{signal.label}: {signal.column} reaches {largest:g} m, more than the height of the stack ({height:g} m): "

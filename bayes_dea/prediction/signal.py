@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,17 @@ def find_file(given: Path | str, option: str, data_root: Path | str | None) -> P
     raise InputError(f"{option} {given}: there is no such file{hint}")
 
 
+def without_campaign(text: str) -> str:
+    """A message of the campaign's reader without its remedies that need a campaign.toml, which a command has not."""
+    text = text.replace(", or take it out of campaign.toml", "")
+    every = re.split(r"(?<=[.?!)]) (?=[A-Z])", text)
+    kept = [s for s in every if "[format]" not in s and "campaign.toml" not in s]
+    if len(kept) == len(every):
+        return text
+    return (f"{' '.join(kept)} Write it as plain CSV: a header with our names, commas between cells, decimal points, "
+            "SI units; or as Parquet, .mat or HDF5 of that ending.")
+
+
 def read_signal(
     given: Path | str | Mapping[str, ArrayLike],
     wanted: tuple[str, ...] = INPUTS,
@@ -76,18 +88,17 @@ def read_signal(
             source = open_source(path, FormatMap(), label)
             found = next((c for c in wanted if source.has(ColumnMap(name=c))), None)
             if found is None:
+                marked = len(source.names) == 1 and any(mark in source.names[0] for mark in ";\t|")
+                remedy = "Separate its cells by commas" if marked else "Rename its columns; values are in SI units"
                 raise InputError(
                     f"{label}: needs the columns time_s and {' or '.join(wanted)} for {option}; it has "
-                    f"{', '.join(source.names[:30])}. Rename its columns; values are in SI units"
+                    f"{', '.join(source.names[:30])}. {remedy}"
                 )
             if not source.has(ColumnMap(name="time_s")):
                 raise source.missing("time_s", ColumnMap(name="time_s"))
             table = source.read([ColumnMap(name="time_s"), ColumnMap(name=found)])
         except InputError as error:
-            # the campaign's reader speaks of campaign.toml, which a command does not have
-            text = str(error).split(" Rename it in the file, or say what")[0]
-            text = text.replace(", or take it out of campaign.toml", "")
-            raise InputError(text) from error
+            raise InputError(without_campaign(str(error))) from error
         columns = dict(zip(("time_s", found), table.columns, strict=True))
         where, notes = table.where, list(table.warnings)
         with path.open("rb") as handle:

@@ -177,8 +177,8 @@ def _rows(s: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _unmet_rows(s: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     return [
         (
-            digits.significant(u["t_start_s"], 5),
-            digits.significant(u["t_end_s"], 5),
+            digits.fixed(u["t_start_s"], 3),
+            digits.fixed(u["t_end_s"], 3),
             digits.quantity(u["miss_m"], "m"),
             u["why"],
         )

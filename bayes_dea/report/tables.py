@@ -49,7 +49,10 @@ _WORDS = {
 _PHASES = {
     "assemble": "reading, noise and sufficient statistics",
     "map": "search of the maximum (particle swarm)",
+    "emulate": "an emulator of the model",
+    "adapt": "learning a proposal",
     "sample": "sampling (emcee)",
+    "reweigh": "leaving recordings out",
     "evidence": "evidence (bridge sampling)",
     "predict": "predictions and bands",
 }
@@ -86,16 +89,16 @@ def _parameter_row(data: ResultData, name: str) -> ParameterRow:
     if draws is not None and np.ptp(draws) > 0:
         low, high = (float(q) for q in np.quantile(draws[np.isfinite(draws)], [0.05, 0.95]))
         if max(abs(low), abs(high)) / scale.factor < 1e5:
-            span = f"{digits.significant(scale(low), 2)} –\u00a0{digits.significant(scale(high), 2)}"
+            span = _between(digits.significant(scale(low), 2), digits.significant(scale(high), 2))
         else:  # far from the posterior: a unit of its own reads better than many digits
             unit = str(e.get("unit", "1"))
-            span = f"{digits.quantity(low, unit, 2)} –\u00a0{digits.quantity(high, unit, 2)}"
+            span = _between(digits.quantity(low, unit, 2), digits.quantity(high, unit, 2))
     return ParameterRow(
         name,
         data.html(name),
         scale.unit,
         _shown(e.get("q50"), scale, decimals),
-        f"{_shown(e.get('q05'), scale, decimals)} –\u00a0{_shown(e.get('q95'), scale, decimals)}",
+        _between(_shown(e.get("q05"), scale, decimals), _shown(e.get("q95"), scale, decimals)),
         _shown(e.get("map"), scale, decimals),
         prior_words(str(prior.get("prior", "")), str(prior.get("unit", "")), data.plain),
         span,
@@ -103,6 +106,11 @@ def _parameter_row(data: ResultData, name: str) -> ParameterRow:
         digits.fixed(e.get("rhat"), 3),
         ess_text(e, data.converged),
     )
+
+
+def _between(low: str, high: str) -> str:
+    """An interval; a dash beside a minus sign would be read twice."""
+    return f"{low} to\u00a0{high}" if "−" in low + high else f"{low} –\u00a0{high}"
 
 
 def reading(entry: Mapping[str, Any]) -> tuple[digits.Scale, int]:
@@ -123,12 +131,11 @@ def _shown(value: Any, scale: digits.Scale, decimals: int) -> str:
 
 
 def contraction_text(value: Any) -> str:
-    """1 - variance ratio: three decimals, more where it is closer to one than they can say."""
+    """1 - variance ratio: three decimals; further nines say nothing that the widths do not say better."""
     if not digits.is_number(value):
         return digits.MISSING
-    if value >= 0.9995:
-        nines = min(int(-math.log10(max(1 - value, 1e-12))) + 1, 7)
-        return digits.fixed(math.floor(value * 10**nines) / 10**nines, nines)
+    if value > 0.999:
+        return ">\u00a00.999"
     return digits.fixed(max(value, 0.0), 3)
 
 

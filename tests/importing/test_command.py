@@ -180,9 +180,34 @@ def test_what_is_no_actuator_is_said_to_be_none(command, shared, tmp_path):
     done = command("import", files, "--out", tmp_path / "c")
     assert done.returncode == 0
     assert "Not recordings of an actuator" in done.stdout
+    assert "No model of bayes-dea reads these recordings" in done.stdout
+    assert "calibrate" not in done.stdout
     (recording,) = load_campaign(tmp_path / "c", files.parent, free_kinds=True).recordings
     assert recording.kind == "other"
     assert list(recording.columns) == ["time_s", "input_V", "output_V"]
+
+
+def test_an_answer_that_nothing_asked_for_is_said(command, tmp_path):
+    case = made("command_and_monitor", tmp_path)
+    done = command("import", *case.files, "--out", tmp_path / "c", "--answer", "other.csv:voltage=U")
+    assert done.returncode == 0
+    assert "Answers to what no file asked:\n- other.csv:voltage=U" in done.stdout
+
+
+def test_long_phases_say_how_far_they_are(tmp_path):
+    """Many long files: each phase counts them."""
+    (tmp_path / "files").mkdir()
+    for name in ("one", "two", "three"):
+        (tmp_path / name).mkdir()
+        (file,) = make_files.long_restarts(tmp_path / name).files
+        text = file.read_text().replace("0.000050", f"0.0000{len(name)}1")
+        (tmp_path / "files" / f"{name}.csv").write_text(text)
+    said = {}
+    import_files([tmp_path / "files"], tmp_path / "c",
+                 report=lambda phase, done, of, _: said.setdefault(phase, []).append(done / of))
+    for phase in ("looking", "deciding"):
+        assert said[phase] == [0, 1 / 3, 2 / 3]
+    assert said["reading back"][-1] == 1
 
 
 def test_two_files_of_one_name_in_two_folders(tmp_path):
