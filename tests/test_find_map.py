@@ -221,3 +221,21 @@ def test_lengths_of_coordinates(both):
     scale = dict(zip(posterior.names, posterior_scale(posterior), strict=True))
     assert scale["log sigma_force"] == 1.0
     assert scale["zero_relax_m"] == pytest.approx(0.02 * 10.261e-3)
+
+
+def test_branches_that_took_on_the_bend_of_a_law_are_parted() -> None:
+    from bayes_dea.find_map import _bent, _parted
+
+    model, straight = build_model("yeoh+gm2"), build_model("hooke+gm2")
+    assert _bent(model, straight)
+    assert not _bent(straight, straight)
+    assert not _bent(build_model("yeoh"), build_model("hooke"))
+    x = np.concatenate([model.prior_draws(1, np.random.default_rng(3))[0], [0.3]])
+    y = _parted(model, x)
+    before = model.physical(x[None, :-1])
+    after = model.physical(y[None, :-1])
+    assert y[-1] == x[-1]
+    assert after["tau_2_s"][0] < 0.5 * before["tau_2_s"][0]
+    # in the coordinates of the search, modes of compliances, nothing else moves
+    assert np.array_equal(y[:-2], x[:-2])
+    assert y[-2] == pytest.approx(x[-2] - np.log(5.0))
