@@ -70,8 +70,10 @@ def next_(
     """Rank the experiments that could be done next by what they teach per bench hour.
 
     Protocols of the menu with their settings optimised, within the limits of the
-    actuator, each with its expected information gain, its error and its cost. Leaves
-    next.json, report.html and a command file of each proposal under next/ in --out.
+    actuator, each with its expected information gain, its error and its cost. Between
+    models or explanations those come first that tell at least half of what the best one
+    tells. Leaves next.json, report.html and a command file of each proposal under next/
+    in --out.
 
     Interrupted, the same command with --resume goes on to the same numbers.
     """

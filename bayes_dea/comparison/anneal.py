@@ -19,6 +19,8 @@ from scipy.special import logsumexp
 from .straighten import Straight
 
 Array = NDArray[np.float64]
+#: nats within which two populations agree, and how much wider than four they know their error
+_AGREE, _TWO_POPULATIONS = 3.0, 1.5
 LogProb = Callable[[Array], Array]
 
 
@@ -26,7 +28,8 @@ LogProb = Callable[[Array], Array]
 class AnnealSettings:
     """populations, particles: of each; keep: share of the effective size that a step of t leaves; moves: at each step.
 
-    good_se: standard error (nats) of the log ratio that counts as settled.
+    good_se: standard error (nats) of the log ratio that counts as settled. enough_below: where the first two both find
+    less than this, and agree to some nats, there are no more: what is far behind need not be known to a tenth.
     """
 
     populations: int = 4
@@ -36,6 +39,7 @@ class AnnealSettings:
     last_moves: int = 48
     most_stages: int = 120
     good_se: float = 0.2
+    enough_below: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,8 @@ def anneal(
         if np.isfinite(ratio):
             ratios.append(ratio)
             draws.append((ratio, x))
+        if len(ratios) == 2 and max(ratios) < s.enough_below and abs(ratios[0] - ratios[1]) < _AGREE:
+            break
     if not ratios:
         x = start(s.particles, rng)
         return Annealed(float("nan"), float("nan"), x, False, evaluations)
@@ -72,6 +78,8 @@ def anneal(
     value = float(logsumexp(r) - np.log(len(r)))
     weight = np.exp(r - r.max())
     se = float(np.std(weight, ddof=1) / weight.mean() / np.sqrt(len(r))) if len(r) > 1 else float("nan")
+    if len(r) == 2:
+        se *= _TWO_POPULATIONS  # 84 % quantiles of Student's t: one degree of freedom over three
     # every population stands for the integral that it found
     n = s.particles * len(draws)
     counts = np.maximum(np.round(n * weight / weight.sum()).astype(int), 0)

@@ -40,6 +40,8 @@ class Trial:
 
 #: what is not known before the material is: `next` works the rest out
 _COSTS = Costs(rest_s=600.0)
+#: sd of the slack before contact over the stack height, and the step of its derivative
+_SLACK_SHARE, _SLACK_STEP = 0.02, 0.002
 
 
 def trials(actuator: Actuator, mechanical: bool) -> list[Trial]:
@@ -50,7 +52,8 @@ def trials(actuator: Actuator, mechanical: bool) -> list[Trial]:
 def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
     """Expected log evidence ratio (nats) in favour of `a` if it is true, after `b` has moved as far as it may.
 
-    Linear in b's parameters, which start from b's posterior; offset free; the noise is that of a's fit.
+    Linear in b's parameters, which start from b's posterior; offset free, gain and slack as they are known; the noise
+    is that of a's fit.
     """
     channel = "displacement" if trial.recording.is_voltage else "force"
     if channel not in {c.channel for c in a.posterior.channels}:
@@ -71,19 +74,24 @@ def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
         if moved is not None:
             columns.append((moved - z) / 0.3)
     columns.append(z * 0.02)  # the gain of the sensor
+    height = trial.recording.actuator.stack_height_m
+    if channel == "force" and height:  # and the slack before contact
+        moved = _answer(b, b.x, trial, _SLACK_STEP * height)
+        if moved is not None:
+            columns.append((moved - z) * (_SLACK_SHARE / _SLACK_STEP))
     A = np.stack(columns, axis=1) * w[:, None]
     g = A.T @ (w * (y - z))
     H = A.T @ A + np.diag([1e-12, *np.ones(A.shape[1] - 1)])
     return max(0.0, 0.5 * float(np.sum((w * (y - z)) ** 2) - g @ np.linalg.lstsq(H, g, rcond=1e-12)[0]))
 
 
-def _answer(fit: Fitted, q: Array, trial: Trial) -> Array | None:
+def _answer(fit: Fitted, q: Array, trial: Trial, zero_m: float = 0.0) -> Array | None:
     model = fit.posterior.model
     if model.is_black_box and not trial.recording.is_voltage:
         return None
     values = {k: float(v[0]) for k, v in model.physical(fit.posterior.model_part(q[None])).items()}
     try:
-        y = simulate(model, values, trial.recording, 0.0 if trial.recording.is_mechanical else None)
+        y = simulate(model, values, trial.recording, zero_m if trial.recording.is_mechanical else None)
     except InputError:
         return None
     return y if np.isfinite(y).all() else None

@@ -22,7 +22,7 @@ from ..fit.ensemble import EnsembleSettings, sample
 from ..fit.evidence import BridgeSettings, bridge_log_evidence
 from ..fit.importance import importance_resample
 from ..fit.mixture import Mixture, fit_mixture
-from .anneal import Annealed, anneal, stirred
+from .anneal import Annealed, AnnealSettings, anneal, stirred
 from .straighten import Straight
 
 Array = NDArray[np.float64]
@@ -31,8 +31,10 @@ LogProb = Callable[[Array], Array]
 _FIRST = ((0.6, 1.0), (0.3, 1.8), (0.1, 4.0))
 #: Pareto k in straightened coordinates that is enough when two rounds agree
 _GOOD_TAIL = 0.6
+#: nats by which draws in straightened coordinates fall short where these do not suit
+_FAR_SHORT = 3.0
 #: 84 % quantile of Student's t with three degrees of freedom
-_FEW_POPULATIONS = 1.2
+FEW_POPULATIONS = 1.2
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class IntegralSettings:
     good_k, good_se: Pareto k and standard error that are enough when two proposals in turn agree; first_k: without
     that; bad_k: above it, weights are not used.
     last_resort: what is done where importance draws do not do: anneal, bridge, or none (what there is, marked as
-    unsettled). bridge_steps: of the sampler at most.
+    unsettled). bridge_steps: of the sampler at most. enough_below: log value below which an annealed integral need
+    not be known well.
     """
 
     draws: int = 1500
@@ -54,6 +57,7 @@ class IntegralSettings:
     bad_k: float = 0.55
     last_resort: str = "anneal"
     bridge_steps: int = 6000
+    enough_below: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -107,34 +111,38 @@ def integrate(
     stands = best is not None and abs(best.log_value - before) < max(0.1, 4 * best.se)
     if best is not None and stands and best.pareto_k < s.bad_k and best.se < 4 * s.good_se:
         return best
-    if s.last_resort == "none" and best is not None:
-        return replace(best, converged=False)
+    if s.last_resort == "none":
+        return nothing(x, g, evaluations) if best is None else replace(best, converged=False)
     if best is not None and len(np.unique(best.draws, axis=0)) > 10 * d:
-        found = straightened(log_prob, best.draws, rng, s, evaluations)
+        found = straightened(log_prob, best.draws, rng, s, evaluations, known=best.log_value)
         if settled(found):
             return replace(found, converged=True)
         best, evaluations = min(best, found, key=merit), found.evaluations
     if s.last_resort == "anneal":
         wide = widened(proposal or normal_mixture(x, covariance), best)
-        far = anneal(wide.draw, wide.log_density, log_prob, rng)
+        far = anneal(wide.draw, wide.log_density, log_prob, rng, AnnealSettings(enough_below=s.enough_below))
         if np.isfinite(far.log_ratio):
             evaluations += far.evaluations
-            checked = straightened(log_prob, far.draws, rng, s, evaluations)
+            checked = _checked(log_prob, far, rng, s, evaluations)
             if settled(checked):
                 return replace(checked, converged=True)
+            stands = far.settled and not (usable(checked) or checked.log_value > far.log_ratio + 0.3)
+            stands = stands or (far.settled and abs(far.log_ratio - checked.log_value) < 0.3)
             return Integral(far.log_ratio, honest_se(far, checked), far.draws, wide, "annealed", checked.pareto_k,
-                            far.settled and abs(far.log_ratio - checked.log_value) < 0.3, checked.evaluations)
+                            stands, checked.evaluations)
     start = best.draws if best is not None else x + 0.1 * (normal_mixture(x, covariance).draw(n, rng) - x)
     return bridged(log_prob, start, best.proposal if best is not None else g, rng, s, evaluations)
 
 
 def straightened(
     log_prob: LogProb, draws: Array, rng: np.random.Generator, settings: IntegralSettings, evaluations: int = 0,
-    rounds: int = 4,
+    rounds: int = 4, known: float = -np.inf,
 ) -> Integral:
     """The integral by importance draws in coordinates in which draws (n, d) of the density, or near it, lie straight.
 
     The coordinates follow the draws from round to round, until two estimates in turn agree; `converged` says whether.
+    known: log of what the integral has to reach. Draws at several places lie straight in no coordinates: where a round
+    falls short of it by far no further one is made.
     """
     s = replace(settings, last_resort="none", rounds=2)
     before = float("nan")
@@ -147,6 +155,8 @@ def straightened(
         draws = around if len(around) > 10 * draws.shape[1] else draws
         at = Straight.of(draws)
         y = at.forward(draws)
+        if not np.isfinite(y).all():
+            break
 
         def density(z: Array, at: Straight = at) -> Array:
             return log_prob(at.inverse(z))
@@ -164,6 +174,8 @@ def straightened(
         )  # fmt: skip
         found = integrate(density, y.mean(axis=0), np.cov(y.T), rng, s, wide)
         evaluations += found.evaluations
+        if not np.isfinite(found.log_value):
+            break
         draws = at.inverse(found.draws)
         gap = abs(found.log_value - before)
         agree = gap < max(0.05, 3 * found.se)
@@ -174,7 +186,10 @@ def straightened(
             best = found
         if agree and found.pareto_k < _GOOD_TAIL and se < 2 * settings.good_se:
             return replace(found, proposal=_plain(draws, rng, found.proposal), converged=True)
-    assert best is not None
+        if found.log_value < known - _FAR_SHORT:
+            break
+    if best is None:
+        return nothing(draws[0], normal_mixture(np.zeros(draws.shape[1]), np.eye(draws.shape[1])), evaluations)
     return replace(best, proposal=_plain(best.draws, rng, best.proposal), converged=False, evaluations=evaluations)
 
 
@@ -191,15 +206,54 @@ def _plain(draws: Array, rng: np.random.Generator, otherwise: Mixture) -> Mixtur
         return otherwise
 
 
+def usable(found: Integral) -> bool:
+    """Whether the weights of an integral say anything where it comes out small."""
+    return bool(np.isfinite(found.log_value) and found.pareto_k < 0.7 and found.se < 0.5)
+
+
+def nothing(x: Array, proposal: Mixture, evaluations: int) -> Integral:
+    """What is returned where no draw had a density."""
+    return Integral(float("nan"), float("inf"), x[None].copy(), proposal, "importance", 1.0, False, evaluations)
+
+
+def _checked(
+    log_prob: LogProb, far: Annealed, rng: np.random.Generator, s: IntegralSettings, evaluations: int
+) -> Integral:
+    """The integral once more by importance draws from what an annealing found, in plain or straightened coordinates."""
+    d = far.draws.shape[1]
+    try:
+        g = fit_mixture(far.draws, rng, (1, 2, 4, 8))
+    except InputError:
+        return straightened(log_prob, far.draws, rng, s, evaluations, known=far.log_ratio)
+    x = far.draws
+    size = x.std(axis=0) + 1e-300
+    root = size[:, None] * np.linalg.cholesky(np.corrcoef(x, rowvar=False) + 1e-8 * np.eye(d))
+    wide = Mixture(
+        np.concatenate([0.7 * g.weights, 0.2 * g.weights, [0.1]]),
+        np.concatenate([g.means, g.means, x.mean(axis=0)[None]]),
+        np.concatenate([1.05 * g.roots, 1.6 * g.roots, 1.5 * root[None]]),
+    )
+    short = replace(s, draws=2 * s.draws, rounds=2, last_resort="none")
+    plain = integrate(log_prob, x.mean(axis=0), np.cov(x.T), rng, short, wide)
+    evaluations += plain.evaluations
+    if plain.converged and abs(plain.log_value - far.log_ratio) < 3 * float(np.hypot(plain.se, far.se)) + 0.05:
+        return replace(plain, evaluations=evaluations)
+    bent = straightened(log_prob, x, rng, s, evaluations, known=far.log_ratio)
+    return bent if settled(bent) or not np.isfinite(plain.log_value) else min(
+        replace(plain, converged=False, evaluations=bent.evaluations), bent, key=merit)
+
+
 def honest_se(far: Annealed, checked: Integral) -> float:
     """Standard error of an annealed integral, no smaller than what a second way of working it out differs by.
 
     All populations may miss the same tips of a curved valley: their scatter does not know. It is of few populations,
-    too, and Student's t widens it.
+    too, and Student's t widens it. A second way that comes out smaller counts only where its weights can be used:
+    draws that do not suit a density fall short of its integral.
     """
-    gap = abs(far.log_ratio - checked.log_value)
-    joint = float(np.hypot(far.se, checked.se))
-    return float(max(_FEW_POPULATIONS * far.se, gap if gap > 2.0 * joint else 0.0))
+    gap = checked.log_value - far.log_ratio
+    joint = float(np.hypot(far.se, checked.se)) if np.isfinite(checked.se) else float("inf")
+    counts = abs(gap) > 2.0 * joint and (gap > 0 or usable(checked))
+    return float(max(FEW_POPULATIONS * far.se, abs(gap) if counts else 0.0))
 
 
 def normal_mixture(x: Array, covariance: Array) -> Mixture:

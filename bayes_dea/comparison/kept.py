@@ -25,13 +25,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Done:
-    """One model: its maximum, its integral, its scores, how long it took."""
+    """One model: its maximum, its integral, its scores, how long it took.
+
+    spared: it fits so much worse than another one that no effort was spent on an integral that is hard to find.
+    """
 
     fit: Fitted
     whole: Integral
     scores: tuple[LeftOut, ...]
     rmse_m: float | None
     seconds: dict[str, float] = field(default_factory=dict)
+    spared: bool = False
 
 
 def keep(path: Path, done: Done) -> None:
@@ -45,6 +49,7 @@ def keep(path: Path, done: Done) -> None:
         "scores": [asdict(s) for s in done.scores],
         "rmse_m": done.rmse_m,
         "seconds": done.seconds,
+        "spared": done.spared,
     }
     buffer = io.BytesIO()
     np.savez(
@@ -74,7 +79,7 @@ def recall(path: Path, model: Model, assembled: Assembled) -> Done | None:
         scores = tuple(LeftOut(**s) for s in texts["scores"])
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None  # it is worth no more than the time it saves
-    return Done(fit, whole, scores, texts["rmse_m"], texts["seconds"])
+    return Done(fit, whole, scores, texts["rmse_m"], texts["seconds"], bool(texts.get("spared", False)))
 
 
 def scores_of(done: Done, recordings: Sequence[str]) -> Array:

@@ -29,6 +29,7 @@ from .climb import climb, first_difference_covariance
 from .common import Restricted, group_log_likelihood, restricted
 from .fit_one import Fitted, residual_at
 from .integrate import (
+    FEW_POPULATIONS,
     Integral,
     IntegralSettings,
     honest_se,
@@ -51,6 +52,8 @@ _FEW = IntegralSettings(
     draws=250, per_dimension=20, rounds=2, good_k=0.6, first_k=0.6, good_se=0.1, bad_k=_LARGEST_K, last_resort="none"
 )
 _GOOD_SE = 0.2
+#: what single populations scatter by on average: three that happen to agree are no better (nats)
+_QUICK, _LEAST_SE = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16), 0.15
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,7 @@ class _Scoring:
             own = self._own_likelihood(p)
             w = smoothed_weights(sign * own)
             trusted = (w.pareto_k < _LARGEST_K or w.sd < _QUIET_SD) and w.effective > 100 and np.isfinite(own).all()
-            if trusted and self.whole.converged:
+            if trusted and (self.whole.converged or self.whole.method == "annealed"):
                 if sign < 0:
                     value = float(np.logaddexp.reduce(np.log(np.maximum(w.weights, 1e-300)) + own))
                 else:
@@ -122,10 +125,12 @@ class _Scoring:
             posterior, start = _with_zero(self.fit, p, names)
         if posterior.model.spec.effects:
             return self._emulated(p, posterior, start, names, sign, rng)
+        curved = self.whole.method in ("annealed", "straightened") and (sign < 0 or not p.recording.is_mechanical)
+        if self.whole.method == "annealed" and curved:  # at several places: one maximum is not enough
+            return self._curved(p, sign, rng)
         short = replace(self.settings, draws=1500, rounds=5, bad_k=_LARGEST_K, last_resort="none")
         other = _integral(restricted(posterior, names), posterior, start, rng, short)
-        curved = self.whole.method in ("annealed", "straightened") and (sign < 0 or not p.recording.is_mechanical)
-        if curved and not (other.converged and other.se < _GOOD_SE):
+        if curved and self.settings.last_resort != "none" and not (other.converged and other.se < _GOOD_SE):
             return self._curved(p, sign, rng)
         value = sign * (other.log_value - self.whole.log_value)
         se = float(np.hypot(other.se, self.whole.se))
@@ -156,28 +161,41 @@ class _Scoring:
         return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, method, other.pareto_k)
 
     def _curved(self, p: Prepared, sign: float, rng: np.random.Generator) -> LeftOut:
-        """From the draws, their unseen coordinates at their prior: straightened, or by populations where that fails."""
+        """From the draws, their unseen coordinates at their prior: straightened, or by populations where that fails.
+
+        Populations begin wide: what a recording left out held narrow has to be found again, and from narrow to wide
+        they would not get there.
+        """
         names = self.fitted - {p.name} if sign < 0 else self.fitted | {p.name}
         posterior = self.fit.posterior
         pool = self.whole.draws.copy()
         blind = unseen(posterior, names)
-        pool[:, blind] = posterior.prior_draws(len(pool), rng)[:, blind]
+        anywhere = posterior.prior_draws(len(pool), rng)
+        pool[:, blind] = anywhere[:, blind]
         density = restricted(posterior, names).log_prob
-        found = straightened(density, pool, rng, self.settings, rounds=3 if posterior.model.is_linear else 2)
-        log_value, se, method, k = found.log_value, found.se, "integrated", float(found.pareto_k)
-        if not settled(found, 0.5):
-            g = fit_mixture(pool, rng, (1, 2, 4, 8))
-            wide = Mixture(
-                np.concatenate([0.7 * g.weights, 0.3 * g.weights]), np.concatenate([g.means, g.means]),
-                np.concatenate([1.2 * g.roots, 2.5 * g.roots]),
-            )  # fmt: skip
-            quick = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16)
-            far = anneal(wide.draw, wide.log_density, density, rng, quick)
-            if np.isfinite(far.log_ratio):
-                log_value, se, method = far.log_ratio, honest_se(far, found), "annealed"
+        found = None
+        if self.whole.method != "annealed":  # draws at several places lie straight in no coordinates
+            found = straightened(density, pool, rng, self.settings, rounds=3 if posterior.model.is_linear else 2)
+            if settled(found, 0.5):
+                return self._scored(p, sign, found.log_value, found.se, "integrated", float(found.pareto_k))
+        g = fit_mixture(pool, rng, (1, 2, 4, 8))
+        prior = normal_mixture(anywhere.mean(axis=0), np.cov(anywhere.T))
+        wide = Mixture(
+            np.concatenate([0.5 * g.weights, 0.3 * g.weights, 0.15 * g.weights, 0.05 * prior.weights]),
+            np.concatenate([g.means, g.means, g.means, prior.means]),
+            np.concatenate([1.2 * g.roots, 2.5 * g.roots, 6.0 * g.roots, prior.roots]),
+        )  # fmt: skip
+        far = anneal(wide.draw, wide.log_density, density, rng, _QUICK)
+        if np.isfinite(far.log_ratio) or found is None:
+            se = FEW_POPULATIONS * far.se if found is None else honest_se(far, found)
+            se = max(se, _LEAST_SE)
+            return self._scored(p, sign, far.log_ratio, se, "annealed", None)
+        return self._scored(p, sign, found.log_value, found.se, "integrated", float(found.pareto_k))
+
+    def _scored(self, p: Prepared, sign: float, log_value: float, se: float, method: str, k: float | None) -> LeftOut:
+        """The score from an integral without (or with) the recording and that of the whole."""
         value = sign * (log_value - self.whole.log_value)
-        se = float(np.hypot(se, self.whole.se))
-        return LeftOut(p.name, p.recording.role, p.channel, p.n, value, se, method, k)
+        return LeftOut(p.name, p.recording.role, p.channel, p.n, value, float(np.hypot(se, self.whole.se)), method, k)
 
     def _own_likelihood(self, p: Prepared) -> Array:
         """(n,) log likelihood of a recording at the draws, given the others of its group that are fitted."""
@@ -198,16 +216,20 @@ class _Scoring:
 
 
 def unseen(posterior: Posterior, names: frozenset[str]) -> NDArray[np.int64]:
-    """Coordinates that the recordings in `names` say nothing about: zeros of others, noise of channels without any."""
+    """Coordinates that the recordings in `names` say nothing about.
+
+    Zeros of others, noise of channels without any, correlation at rates that none of them was sampled at.
+    """
     out = [posterior.zero_start + i for i, z in enumerate(posterior.zeros) if z.recording not in names]
     at = posterior.zero_start + len(posterior.zeros)
     for c in posterior.channels:
-        count = 1 + len(c.rates.steps_s)
-        seen = any(
-            p.name in names for g in posterior.groups if g.channel == c.channel for p in (*g.fitted, *g.others)
-        )
-        out += [] if seen else list(range(at, at + count))
-        at += count
+        seen = {
+            c.rates.of(p) for g in posterior.groups if g.channel == c.channel for p in (*g.fitted, *g.others)
+            if p.name in names
+        }
+        out += [] if seen else [at]
+        out += [at + 1 + j for j in range(len(c.rates.steps_s)) if j not in seen]
+        at += 1 + len(c.rates.steps_s)
     return np.array(out, dtype=np.int64)
 
 

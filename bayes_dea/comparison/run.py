@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +37,16 @@ Report = Callable[[str, float, float, str], None]
 class ComparisonSettings:
     """workers: threads; near_nats: models this close to the best get their evidence from a long run and a bridge.
 
-    simulated: how models are worked out whose every draw costs a simulation.
+    hopeless_nats: no evidence is larger than the largest likelihood; a model whose likelihood is this far below the
+    evidence of another one gets no more than importance draws; far_nats: how far behind Laplace's evidence of the best
+    an annealed evidence is left with a larger error. simulated: how models are worked out whose every draw
+    costs a simulation.
     """
 
     workers: int = 1
     near_nats: float = 5.0
+    hopeless_nats: float = 100.0
+    far_nats: float = 8.0
     integral: IntegralSettings = IntegralSettings()
     simulated: SimulatedSettings = SimulatedSettings()
 
@@ -98,23 +103,41 @@ def compare(
     done: dict[str, Done] = {}
     starts: dict[str, Fitted] = {}
     laps = {"assemble": 0.0}
+    paths: dict[str, Path] = {}
     for i, name in enumerate(order):
         say("reading noise", i, len(order), name)
         lap = time.perf_counter()
         assembled = data.assembled(built[name])
         laps["assemble"] += time.perf_counter() - lap
-        path = None
         if checkpoints is not None:
-            path = checkpoint_for(checkpoints, identity(built[name], data.campaign, seed, s))
+            paths[name] = checkpoint_for(checkpoints, identity(built[name], data.campaign, seed, s))
             if anew:
-                path.unlink(missing_ok=True)
-        found = recall(path, built[name], assembled) if path is not None else None
-        if found is None:
-            found = _one(name, built[name], data, seed, s, starts, _within(say, i, len(order), name))
-            if path is not None:
-                keep(path, found)
+                paths[name].unlink(missing_ok=True)
+            before = recall(paths[name], built[name], assembled)
+            if before is not None:
+                done[name] = before
+                starts[name] = before.fit
+    # all maxima first: which models are hopeless must not depend on the order in which they were named
+    searched: dict[str, float] = {}
+    for i, name in enumerate(order):
+        if name in done or built[name].spec.effects:
+            continue
+        lap = time.perf_counter()
+        _fit(built[name], data, seed, starts, _part(say, i, len(order), name))
+        searched[name] = time.perf_counter() - lap
+    laplace = [starts[name].laplace for name in order if name in starts]
+    best = max((v for v in laplace if np.isfinite(v)), default=-np.inf)
+    for i, name in enumerate(order):
+        before = done.get(name)
+        if before is not None and not (before.spared and not hopeless(before.fit, best, s)):
+            continue
+        found = _one(name, built[name], data, seed, s, starts, _within(say, i, len(order), name), best)
+        found.seconds["map"] += searched.get(name, 0.0)
+        if name in paths:
+            keep(paths[name], found)
         done[name] = found
         starts.setdefault(name, found.fit)
+    done = {name: done[name] for name in order}
     check_same_likelihood([d.fit.posterior for d in done.values()])
     lap = time.perf_counter()
     done = _bridge_the_near(done, data, built, seed, s, say, checkpoints, anew)
@@ -178,6 +201,15 @@ def _derived(built: Mapping[str, Model], chosen: str, name: str) -> bool:
     return reparameterised(built[chosen], built[name])
 
 
+def _part(say: Report, i: int, n: int, name: str) -> Say:
+    """Progress of one search as a part of all."""
+
+    def tell(done: float, of: float, text: str) -> None:
+        say("searching", i + min(done / of if of else 0.0, 1.0), n, f"{name}: {text}")
+
+    return tell
+
+
 def _within(say: Report, i: int, n: int, name: str) -> Report:
     """Progress of one model as a part of the whole."""
 
@@ -189,13 +221,14 @@ def _within(say: Report, i: int, n: int, name: str) -> Report:
 
 #: elements up to which swarms find the maximum
 _SWARM_ELEMENTS = 3
-_SHARE = {"searching": 0.0, "evidence": 0.33, "leaving out": 0.66}
+_SHARE = {"searching": 0.0, "evidence": 0.33, "leaving out": 0.66}  # of one model; searches of most are done
 
 
 def _one(
-    name: str, model: Model, data: CommonData, seed: int, s: ComparisonSettings, starts: dict[str, Fitted], say: Report
+    name: str, model: Model, data: CommonData, seed: int, s: ComparisonSettings, starts: dict[str, Fitted], say: Report,
+    best: float = -np.inf,
 ) -> Done:
-    """Fit, integrate and score one model."""
+    """Fit, integrate and score one model. best: Laplace's log evidence of the best one."""
     seconds: dict[str, float] = {}
     lap = time.perf_counter()
     say("searching", 0, 1, "")
@@ -210,6 +243,10 @@ def _one(
     lap = time.perf_counter()
     say("evidence", 0, 1, "")
     settings = integral_settings(model, s)
+    settings = replace(settings, enough_below=best - s.far_nats)
+    spared = not around and hopeless(fit, best, s)
+    if spared:
+        settings = replace(settings, last_resort="none")
     rng = generator(seed, name, 1)
     if around:
         whole = integral_of(fit.posterior, around, rng, s.simulated, lambda *at: say("evidence", *at))
@@ -222,7 +259,12 @@ def _one(
     )
     seconds["leave out"] = time.perf_counter() - lap
     forget(fit.posterior)
-    return Done(fit, whole, tuple(scores), unexplained(fit), seconds)
+    return Done(fit, whole, tuple(scores), unexplained(fit), seconds, spared)
+
+
+def hopeless(fit: Fitted, best: float, s: ComparisonSettings) -> bool:
+    """Whether a model fits so badly that its evidence, which its likelihood bounds, cannot come near the best one."""
+    return bool(np.isfinite(best) and fit.log_likelihood < best - s.hopeless_nats)
 
 
 def _fit(model: Model, data: CommonData, seed: int, starts: dict[str, Fitted], say: Say | None = None) -> Fitted:
@@ -246,8 +288,6 @@ def _fit(model: Model, data: CommonData, seed: int, starts: dict[str, Fitted], s
 
 def integral_settings(model: Model, s: ComparisonSettings) -> IntegralSettings:
     """More draws where they cost next to nothing."""
-    from dataclasses import replace
-
     return replace(s.integral, draws=2 * s.integral.draws) if model.is_linear else s.integral
 
 
@@ -256,8 +296,6 @@ def _bridge_the_near(
     say: Report, checkpoints: Path | None, anew: bool,
 ) -> dict[str, Done]:
     """The evidences that decide once more, from a run of the sampler and a bridge; the two have to agree."""
-    from dataclasses import replace
-
     values = {n: d.whole.log_value for n, d in done.items() if np.isfinite(d.whole.log_value)}
     if not values:
         return dict(done)
@@ -290,8 +328,6 @@ def _bridge_the_near(
 
 def _agreed(importance: Integral, bridge: Integral) -> Integral:
     """The bridge's value; where the two are further apart than their errors allow, the gap is the error."""
-    from dataclasses import replace
-
     if not np.isfinite(bridge.log_value):
         return importance
     gap = abs(bridge.log_value - importance.log_value)

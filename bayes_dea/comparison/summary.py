@@ -18,7 +18,7 @@ from .partners import Partner, exact_partner, in_corner
 from .questions import DECIDES_NATS, DECIDES_SE, questions
 from .weigh import difference, probabilities, probability_interval, stacking_weights
 from .widths import prior_width
-from .words import statement, warnings_of
+from .words import notes_of, statement, warnings_of
 
 Array = NDArray[np.float64]
 #: pairs for which an experiment is looked for
@@ -61,7 +61,7 @@ def summarise(
         "tell_apart": [a for a in apart if a is not None],
         "questions": questions(entries, data.campaign),
         "recordings": recordings,
-        "notes": list(data.notes),
+        "notes": [*data.notes, *notes_of(entries)],
         "version": __version__,
         "inputs": [dict(i) for i in data.campaign.inputs],
         "warnings": [],
@@ -110,6 +110,7 @@ def _entry(name: str, d: Done, recordings: Sequence[Mapping[str, Any]]) -> dict[
         "swarms_agree": [d.fit.agree, d.fit.swarms],
         "pareto_k": d.whole.pareto_k,
         "converged": bool(d.whole.converged and np.isfinite(d.whole.log_value)),
+        "spared": d.spared,
         "seconds": float(sum(d.seconds.values())),
     }
 

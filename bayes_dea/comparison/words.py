@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .kept import Done
-from .questions import DECIDES_SE
+from .questions import DECIDES_NATS, DECIDES_SE
 
 
 def statement(s: Mapping[str, Any]) -> str:
@@ -78,13 +78,18 @@ def experiment_in_words(e: Mapping[str, Any]) -> str:
         parts.append(f"between {e['voltage_V'] - e['amplitude_V']:.4g} and {e['voltage_V'] + e['amplitude_V']:.4g} V")
     elif "voltage_V" in e:
         parts.append(f"at {e['voltage_V']:.4g} V")
+    if "high_V" in e:
+        parts.append("after a step")
     if "frequency_Hz" in e:
         parts.append(f"at {e['frequency_Hz']:.3g} Hz")
     if "amplitude_m" in e:
         parts.append(f"by {1e3 * e['amplitude_m']:.3g} mm")
+    if "high_V" in e:
+        parts.append(f"of {e['high_V']:.4g} V")
     parts.append(f"for {e['duration_s']:.4g} s")
-    article = "an" if e["kind"][0] in "aeiou" else "a"
-    return f"{article} {e['kind']} recording {' '.join(parts)}"
+    what = "repeat" if "high_V" in e else f"{e.get('pattern', e['kind'])} recording"
+    article = "an" if what[0] in "aeiou" else "a"
+    return f"{article} {what} {' '.join(parts)}"
 
 
 def percent(p: float) -> str:
@@ -107,12 +112,21 @@ def _signed(value: float, se: float) -> str:
     return f"{size} +- {se:{digits}}" if math.isfinite(se) else size
 
 
+def notes_of(ranking: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What was not worked out, as it cannot matter."""
+    names = [e["model"] for e in ranking if e["spared"] and not e["converged"]]
+    if not names:
+        return []
+    return [f"{', '.join(names)}: {'fits' if len(names) == 1 else 'fit'} so much worse than the best that no prior "
+            "could make up for it. The evidence is that of importance draws alone and was not refined."]
+
+
 def warnings_of(s: Mapping[str, Any], done: Mapping[str, Done]) -> list[str]:
     """What a person should know before acting on the ranking."""
     out = []
     for e in s["ranking"]:
         name = e["model"]
-        if not e["converged"]:
+        if not e["converged"] and not e["spared"] and _matters(e, s["ranking"][0]):
             out.append(f"{name}: its evidence did not settle; take it as provisional, or give it narrower priors.")
         agree, swarms = e["swarms_agree"]
         if 2 * agree < swarms:
@@ -143,6 +157,12 @@ def warnings_of(s: Mapping[str, Any], done: Mapping[str, Done]) -> list[str]:
             f"The ranking depends on how wide the priors are: with widths halved or doubled {flips} would lead."
         )
     return out
+
+
+def _matters(e: Mapping[str, Any], best: Mapping[str, Any]) -> bool:
+    """Whether an evidence could still come near the best one, or is not known at all."""
+    behind = best["log_evidence"] - e["log_evidence"]
+    return not behind > DECIDES_NATS + 4.0 * math.hypot(e["log_evidence_se"], best["log_evidence_se"])
 
 
 def _misfit(d: Done) -> tuple[float, float, str] | None:

@@ -29,6 +29,8 @@ from .words import statement, why_hypotheses, why_parameters
 Report = Callable[[str, float, float, str], None]
 #: rest limit where no resolution is stated: that of the reference paper's sensor
 _RESOLUTION_M = 0.15e-6
+#: share of what is open that an experiment has to tell, or it is said that none does
+_LITTLE = 0.15
 
 
 @dataclass(frozen=True)
@@ -280,6 +282,9 @@ def _summary(
         **({"model": names[0]} if purpose == "parameters" else {"models": names}),
         "ranking": entries,
         "statement": "",
+        "ranked_by": "nats an hour of bench time" + (
+            f", those first that tell at least {100 * question.least_share:.0f} % of what one experiment of the menu "
+            "can tell" if question.least_share > 0 else ""),
         "plan": {
             "experiments": later,
             "expected_information_gain_nats": float(sum(p.answer.nats for p in chosen)),
@@ -317,9 +322,14 @@ def _summary(
         now_p = np.array(list(out["probabilities"].values()))
         out["entropy_nats"] = float(-np.sum(now_p * np.log(np.maximum(now_p, 1e-300))))
         subject = "which of " + ", ".join(names) + " is right"
+        told = max(p.answer.nats for p in ranking)
         if out["entropy_nats"] < 0.05:
             warnings = [*warnings, f"{names[int(np.argmax(now_p))]} has a probability of {100 * now_p.max():.1f} % "
                                    "already: little is left to be told"]
+        elif told < _LITTLE * out["entropy_nats"]:
+            warnings = [*warnings, f"no experiment of the menu is expected to tell {' from '.join(names)}: the most "
+                                   f"that one tells is {told:.2g} of {out['entropy_nats']:.2g} nats. What is "
+                                   "left of the question these sensors and limits may not allow to be answered"]
     if len(chosen) < s.plan:
         warnings = [*warnings, f"the plan ends after {len(chosen)} of {s.plan} experiments: nothing of the menu adds "
                                "to them"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..experiments.menu import Experiment
 from .belief import Belief
-from .discriminate import expected_telling
+from .discriminate import Simulated, telling_of_draws
 from .gain import Coordinates, Surrogate, coordinates, expected_gain, linear_gain, shrinkage, shrinkage_range, surrogate
-from .response import whitened
+from .response import frame_of, whitened
 
 Array = NDArray[np.float64]
 #: draws that are simulated, over the coefficients of their quadratic
@@ -45,6 +45,11 @@ class Question(Protocol):
     @property
     def middle(self) -> Belief:
         """The belief by which rests are worked out."""
+        ...
+
+    @property
+    def least_share(self) -> float:
+        """Share of the most that an experiment of the menu tells which one has to tell to come first."""
         ...
 
     def ask(self, experiment: Experiment, known: Any = None) -> Answer:
@@ -91,6 +96,11 @@ class OfParameters:
         """The simulated draws."""
         return self.simulated
 
+    @property
+    def least_share(self) -> float:
+        """Every bit of information adds to the others."""
+        return 0.0
+
     @cached_property
     def free(self) -> dict[str, Array]:
         """Reported quantities that vary."""
@@ -135,9 +145,13 @@ class OfParameters:
 
 @dataclass(frozen=True)
 class OfHypotheses:
-    """Which of several models is true. beliefs: the simulated draws of each; chosen: answers of what was chosen."""
+    """Which of several models is true.
+
+    beliefs: the simulated draws of each; simulated: how they stand for all of them; chosen: answers of what was chosen.
+    """
 
     beliefs: tuple[Belief, ...]
+    simulated: tuple[Simulated, ...] = field(repr=False)
     probability: Array
     seed: int
     chosen: tuple[Array, ...] = field(default=(), repr=False)
@@ -146,17 +160,23 @@ class OfHypotheses:
     def of(cls, beliefs: Sequence[Belief], probability: Sequence[float], seed: int) -> OfHypotheses:
         """The question among beliefs with their probabilities, which are made to sum to one."""
         p = np.array(probability, float)
-        thin = []
+        thin, simulated = [], []
         for b in beliefs:
-            k = b.z.shape[1] + len(b.gains)
-            # a covariance of too few draws finds those of another hypothesis unlikely, whatever they say
-            thin.append(b.at(b.spread((8 if b.model.spec.effects else 24) * k)))
-        return cls(tuple(thin), p / p.sum(), seed)
+            whole = b.at(np.flatnonzero(np.isfinite(b.joint).all(axis=1)))
+            rows = whole.spread((8 if b.model.spec.effects else 24) * whole.joint.shape[1])
+            thin.append(whole.at(rows))
+            simulated.append(Simulated.of(whole.joint, rows))
+        return cls(tuple(thin), tuple(simulated), p / p.sum(), seed)
 
     @property
     def middle(self) -> Belief:
         """The most probable one."""
         return self.beliefs[int(np.argmax(self.probability))]
+
+    @property
+    def least_share(self) -> float:
+        """What cannot tell the likeliest ones apart does not when it is repeated, either."""
+        return 0.5
 
     @property
     def names(self) -> list[str]:
@@ -165,8 +185,8 @@ class OfHypotheses:
 
     def _answers(self, experiment: Experiment) -> tuple[Array, ...]:
         # one noise for all: what differs between them is the physics
-        noise = self.middle.noise[experiment.channel]
-        return tuple(whitened(b, experiment, noise) for b in self.beliefs)
+        frame = frame_of(self.middle, experiment)
+        return tuple(whitened(b, experiment, frame) for b in self.beliefs)
 
     def _joint(self, answers: tuple[Array, ...]) -> tuple[Array, ...]:
         if not self.chosen:
@@ -176,7 +196,7 @@ class OfHypotheses:
     def ask(self, experiment: Experiment, known: Any = None) -> Answer:
         """Expected information about the name."""
         answers = known if known is not None else self._answers(experiment)
-        told = expected_telling(self._joint(answers), self.probability, np.random.default_rng([self.seed, 4]))
+        told = telling_of_draws(self.simulated, self._joint(answers), self.probability, [self.seed, 4])
         nats = told.nats - self._before
         apart = np.where(np.eye(len(self.beliefs)) > 0, np.inf, told.apart)
         i, j = np.unravel_index(int(np.argmin(apart)), apart.shape)
@@ -189,12 +209,12 @@ class OfHypotheses:
         """Nats that the chosen experiments tell already."""
         if not self.chosen:
             return 0.0
-        return expected_telling(self.chosen, self.probability, np.random.default_rng([self.seed, 4])).nats
+        return telling_of_draws(self.simulated, self.chosen, self.probability, [self.seed, 4]).nats
 
     def quick(self, experiment: Experiment) -> float:
         """The same with fewer outcomes; below saturation the pairwise divergence breaks ties."""
-        told = expected_telling(self._joint(self._answers(experiment)), self.probability,
-                                np.random.default_rng([self.seed, 4]), 60)
+        told = telling_of_draws(self.simulated, self._joint(self._answers(experiment)), self.probability,
+                                [self.seed, 4], 60, rough=True)
         return max(told.nats - self._before, 0.0)
 
     def after(self, answer: Answer) -> OfHypotheses:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from ..models.nodes import make_nodes
 from ..models.plant import plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from ..prediction.simulators import simulator
-from .belief import Belief, Noise
+from .belief import Belief
 
 Array = NDArray[np.float64]
 #: the slack before contact, as a share of the stack height, and the step of its derivative
@@ -42,31 +42,51 @@ def answers(model: Model, z: Array, recording: Recording, zero_m: float = 0.0) -
     return out
 
 
-def whitened(belief: Belief, experiment: Experiment, noise: Noise | None = None) -> Array:
+@dataclass(frozen=True)
+class Frame:
+    """What the readings of an experiment scatter by: rows that are read (n,), one over the sd of each (r,), and the
+    directions (r, c), in those units, that its offset and the slack before contact move them along."""
+
+    keep: NDArray[np.bool_]
+    scale: Array
+    nuisance: Array
+
+
+def frame_of(belief: Belief, experiment: Experiment) -> Frame:
+    """The frame by the middle draw of a belief.
+
+    Hypotheses are compared in one and the same frame: forces are thousands of times the scatter of their readings, so
+    that frames which differ by a thousandth would tell hypotheses apart that answer alike.
+    """
+    recording = experiment.recording
+    own = belief.noise[experiment.channel]
+    keep = experiment.rows.readings > 0
+    nuisance = []
+    if experiment.channel == "force":
+        height = recording.actuator.stack_height_m or 0.0
+        middle = belief.z[[len(belief.z) // 2]]
+        moved = [answers(belief.model, middle, recording, s * _SLACK_STEP * height)[0, keep] for s in (1.0, -1.0)]
+        nuisance.append((moved[0] - moved[1]) * (_SLACK_SHARE / (2 * _SLACK_STEP)))
+        if own.position_sd > 0:
+            # the position is read with scatter, which the model would turn into force
+            travel = float(np.ptp(recording.columns["position_m"]))
+            force = answers(belief.model, middle, recording)[0, keep]
+            stiffness = float(np.max(np.abs(force))) / travel if np.isfinite(force).all() else 0.0
+            own = replace(own, sigma=math.hypot(own.sigma, own.position_sd * stiffness))
+    scale = 1.0 / own.sd_of(experiment.rows.readings[keep])
+    columns = [own.offset_sd * scale, *(v * scale for v in nuisance if np.isfinite(v).all())]
+    return Frame(keep, scale, np.column_stack(columns))
+
+
+def whitened(belief: Belief, experiment: Experiment, frame: Frame | None = None) -> Array:
     """Answers (N, rows) with gains, such that readings of the experiment scatter around them with unit covariance.
 
     The offset of the recording and the slack before contact are integrated out: they have a normal prior and act
     linearly, so the noise's covariance becomes I + U U' and the answers are multiplied by its inverse root.
     """
-    recording = experiment.recording
-    own = noise or belief.noise[experiment.channel]
-    keep = experiment.rows.readings > 0
-    y = answers(belief.model, belief.z, recording)[:, keep]
-    if own.position_sd > 0:
-        # the position is read with scatter, which the model would turn into force
-        middle = y[len(y) // 2]
-        travel = float(np.ptp(recording.columns["position_m"]))
-        stiffness = float(np.nanmax(np.abs(middle))) / travel if np.isfinite(middle).any() else 0.0
-        own = replace(own, sigma=math.hypot(own.sigma, own.position_sd * stiffness))
-    scale = 1.0 / own.sd_of(experiment.rows.readings[keep])
-    y = y * (1.0 + belief.gains[experiment.channel])[:, None] * scale
-    columns = [own.offset_sd * scale]
-    if experiment.channel == "force":
-        height = recording.actuator.stack_height_m or 0.0
-        middle = belief.z[[len(belief.z) // 2]]
-        moved = [answers(belief.model, middle, recording, s * _SLACK_STEP * height)[0, keep] for s in (1.0, -1.0)]
-        columns.append((moved[0] - moved[1]) * scale * (_SLACK_SHARE / (2 * _SLACK_STEP)))
-    return without(y, np.column_stack(columns))
+    at = frame or frame_of(belief, experiment)
+    y = answers(belief.model, belief.z, experiment.recording)[:, at.keep]
+    return without(y * (1.0 + belief.gains[experiment.channel])[:, None] * at.scale, at.nuisance)
 
 
 def without(y: Array, U: Array) -> Array:
@@ -80,4 +100,4 @@ def without(y: Array, U: Array) -> Array:
     return np.asarray(y - ((y @ V) * (1.0 - 1.0 / np.sqrt(1.0 + size**2))) @ V.T)
 
 
-__all__ = ["answers", "whitened", "without"]
+__all__ = ["Frame", "answers", "frame_of", "whitened", "without"]

@@ -182,3 +182,59 @@ def test_the_answer_in_words():
     assert "nor would any experiment" in statement(s)
     s["cannot_tell"] = []
     assert "cannot" not in statement(s)
+
+
+def test_populations_find_the_scores_that_integrals_find(voltage_campaign):
+    """Two ways to what a recording left out is worth, for a model whose posterior is simple enough for both."""
+    from bayes_dea.comparison.integrate import IntegralSettings
+    from bayes_dea.comparison.leave_out import _Scoring
+
+    d = compare(voltage_campaign, "hooke,hooke+gm2", seed=2).done["hooke+gm2"]
+    fitted = frozenset(p.name for g in d.fit.posterior.groups for p in g.fitted)
+    scoring = _Scoring(d.fit, replace(d.whole, method="annealed"), d.whole.draws, fitted, IntegralSettings())
+    for s in d.scores:
+        p = next(p for p in d.fit.assembled.prepared if p.name == s.recording)
+        other = scoring._curved(p, -1.0 if s.role == "identify" else 1.0, np.random.default_rng(4))
+        assert other.method == "annealed"
+        assert other.mc_se < 0.5
+        assert other.elpd == pytest.approx(s.elpd, abs=3 * math.hypot(s.mc_se, other.mc_se)), s.recording
+
+
+def test_correlation_at_a_rate_that_is_left_out_is_unseen(compared):
+    from bayes_dea.comparison.leave_out import unseen
+
+    posterior = compared.done["hooke+gm1"].fit.posterior
+    names = {p.name for g in posterior.groups for p in g.fitted}
+    assert len(unseen(posterior, frozenset(names))) == 0
+    # the sine alone was sampled at 100 Hz
+    (rho,) = unseen(posterior, frozenset(names - {"sine.csv"}))
+    assert rho >= posterior.zero_start + len(posterior.zeros) + 1
+    assert len(unseen(posterior, frozenset(names - {"relax.csv"}))) == 3  # zero, sigma and rho of the force
+
+
+def test_hopeless_models_are_spared_whatever_the_order(compared, voltage_campaign):
+    from bayes_dea.comparison.run import hopeless
+
+    s = ComparisonSettings()
+    best = max(d.fit.laplace for d in compared.done.values())
+    for name, d in compared.done.items():
+        assert d.spared == (best - d.fit.log_likelihood > s.hopeless_nats), name
+        if d.spared:  # what it is spared for: no evidence beyond its likelihood
+            assert d.whole.log_value < best - s.hopeless_nats
+    assert compared.done["hooke"].spared
+    assert not compared.done[compared.best].spared
+    assert not hopeless(compared.done["hooke"].fit, -np.inf, s)
+    for models in ("hooke,hooke+gm1", "hooke+gm1,hooke"):
+        done = compare(voltage_campaign, models, seed=3).done
+        assert done["hooke"].spared
+        assert not done["hooke+gm1"].spared
+
+
+def test_what_was_spared_and_did_not_settle_is_said():
+    from bayes_dea.comparison.words import notes_of
+
+    entries = [{"model": "a", "spared": False, "converged": False}, {"model": "b", "spared": True, "converged": True},
+               {"model": "c", "spared": True, "converged": False}]
+    (note,) = notes_of(entries)
+    assert note.startswith("c: fits so much worse")
+    assert notes_of(entries[:2]) == []

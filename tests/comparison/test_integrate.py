@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayes_dea.comparison.anneal import AnnealSettings, anneal
-from bayes_dea.comparison.integrate import IntegralSettings, integrate, normal_mixture
+from bayes_dea.comparison.integrate import IntegralSettings, integrate, normal_mixture, straightened
 from bayes_dea.comparison.widths import scaled_prior
 from bayes_dea.priors import Prior
 
@@ -98,3 +98,41 @@ def test_wider_priors_keep_their_centre(prior):
     middle = np.array([0.5])
     assert wide.ppf(middle) == pytest.approx(prior.ppf(middle))
     assert scaled_prior(Prior("fixed", 3.0), 2.0) == Prior("fixed", 3.0)
+
+
+def test_a_second_way_that_falls_short_with_useless_weights_is_no_error():
+    """Draws at several places lie straight in no coordinates: what these miss says nothing of the populations."""
+    from dataclasses import replace
+
+    from bayes_dea.comparison.anneal import Annealed
+    from bayes_dea.comparison.integrate import honest_se, usable
+
+    good = integrate(lambda x: -0.5 * np.sum(x**2, axis=1), np.zeros(2), np.eye(2), np.random.default_rng(0))
+    assert usable(good)
+    far = Annealed(good.log_value + 50.0, 0.1, np.zeros((1, 1)), True, 0)
+    assert honest_se(far, good) == pytest.approx(50.0)
+    useless = replace(good, pareto_k=1.0, se=1.0)
+    assert honest_se(far, useless) == pytest.approx(0.12)
+    # whatever its weights, draws that found more have found what the populations missed
+    below = Annealed(good.log_value - 50.0, 0.1, np.zeros((1, 1)), True, 0)
+    assert honest_se(below, useless) == pytest.approx(50.0)
+
+
+def test_draws_without_a_density_end_in_no_value_rather_than_an_error():
+    found = straightened(lambda x: np.full(len(x), -np.inf), np.random.default_rng(0).standard_normal((300, 3)),
+                         np.random.default_rng(1), IntegralSettings())
+    assert not found.converged
+    assert not np.isfinite(found.log_value)
+
+
+def test_what_is_far_behind_is_left_with_a_larger_error():
+    def low(x):
+        return multivariate_normal(np.zeros(4), 0.3).logpdf(np.atleast_2d(x)) - 40.0
+
+    wide = normal_mixture(np.zeros(4), 4.0 * np.eye(4))
+    runs = [anneal(wide.draw, wide.log_density, low, np.random.default_rng(2), AnnealSettings(enough_below=below))
+            for below in (-20.0, -60.0)]
+    assert runs[0].evaluations < 0.6 * runs[1].evaluations
+    assert not runs[0].settled
+    for found in runs:
+        assert abs(found.log_ratio + 40.0) < max(4 * found.se, 0.3)

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from bayes_dea import __version__
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
-from bayes_dea.bench.protocols import Compression, Creep, Protocol, Wave
+from bayes_dea.bench.protocols import Compression, Creep, Protocol, Relaxation, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.bench.simulate import simulate
 from bayes_dea.campaign import Actuator, Campaign, Sensor, campaign_from_recordings, recording_from_arrays
@@ -121,15 +121,17 @@ def recorded(name: str, protocol: Protocol) -> RecordingPlan:
     return RecordingPlan(name, protocol, "identify", RATE_HZ if electric else RATE_HZ / 5)
 
 
-def measured(material: Material, recordings: list[RecordingPlan], seed: int, **more: Any) -> Campaign:
-    """The recordings of one specimen, as a campaign in memory."""
+def measured(
+    material: Material, recordings: list[RecordingPlan], seed: int, plates: bool = False, **more: Any
+) -> Campaign:
+    """The recordings of one specimen, as a campaign in memory. plates: the bench has them, used so far or not."""
     plan = CampaignPlan("next", (*recordings, RecordingPlan(UNSEEN, Creep(1200.0, 600.0), "validate", 1.0)),
                         material=material, **more)
     actuator = Actuator(**asdict(plan.geometry))
     taken = [recording_from_arrays(s.plan.file, s.plan.protocol.kind, s.columns, s.plan.role, actuator)
              for s in simulate(plan, seed) if s.plan.file != UNSEEN]
     sensors = {"displacement": plan.sensors.displacement}
-    if any(r.is_mechanical for r in taken):
+    if plates or any(r.is_mechanical for r in taken):
         sensors |= {"force": plan.sensors.force, "position": plan.sensors.position}
     sheets = {k: Sensor(v.fluctuation, v.accuracy, v.resolution) for k, v in sensors.items()}
     return campaign_from_recordings(taken, sheets, actuator, name="next")
@@ -235,10 +237,39 @@ def _next(question: OfParameters, choice: list[Experiment], way: str, rng: np.ra
     return refined(question, ranking[0], COSTS, RESOLUTION_M) or ranking[0]
 
 
-EFFECTS: tuple[dict[str, dict[str, float]], ...] = (
-    {"series_resistance": {"R_s_ohm": 60e3}}, {"sensor_lag": {"tau_s_s": 3e-3}}, {"acquisition_delay": {"T_d_s": 4e-3}},
-    {"parallel_damper": {"d0_Pa_s": 3e3}}, {"thickness_feedback": {}},
-)  # fmt: skip
+#: rate of the campaigns that are diagnosed: an edge has to be seen
+DIAGNOSED_HZ = 200.0
+
+
+def first_campaign(which: str) -> list[RecordingPlan]:
+    """Short recordings that show an effect and leave what it may be: quick ones, or slow ones."""
+    low, high, sine, cycles = {"quick": (600.0, 1100.0, 1.0, 6.0), "slow": (700.0, 1000.0, 0.3, 4.0)}[which]
+    return [RecordingPlan("low.csv", Creep(low, 60.0, conditioning_steps=0), "identify", DIAGNOSED_HZ),
+            RecordingPlan("high.csv", Creep(high, 60.0, conditioning_steps=0), "identify", DIAGNOSED_HZ),
+            RecordingPlan("sine.csv", Wave("sine", sine, cycles=cycles), "identify", DIAGNOSED_HZ)]
+
+
+#: what acts, and the first campaign
+CASES: tuple[tuple[dict[str, dict[str, float]], str], ...] = (
+    ({"sensor_lag": {"tau_s_s": 8e-3}}, "quick"),
+    ({"parallel_damper": {"d0_Pa_s": 3000.0}}, "quick"),
+    ({"sensor_nonlinearity": {"q_2_per_m": 150.0}}, "quick"),
+    ({"strain_stiffening": {"beta": 50.0}}, "slow"),
+    ({"stretch_dependent_permittivity": {"c_eps": -1.0}}, "slow"),
+    ({"fractional_relaxation": {"k_f_Pa": 30e3, "alpha_f": 0.04}}, "slow"),
+    ({"leakage": {"R_leak_ohm": 40e6, "R_s_ohm": 50e3}}, "slow"),
+    ({"sensor_lag": {"tau_s_s": 8e-3}}, "slow"),
+    ({"thickness_feedback": {}}, "quick"),
+    ({"series_resistance": {"R_s_ohm": 100e3}}, "quick"),
+    ({"amplitude_softening": {"dE_Pa": 0.8e6, "e_c": 0.008}}, "slow"),
+    ({"acquisition_delay": {"T_d_s": 6e-3}}, "slow"),
+    ({"extra_relaxation_mode": {"k_x_Pa": 40e3, "tau_x_s": 0.1}}, "slow"),
+    ({"supply_dead_zone": {"V_dead_V": 30.0}}, "slow"),
+    ({"dielectric_absorption": {"chi": 0.01, "tau_d_s": 0.5}}, "slow"),
+    ({"strain_stiffening": {"beta": 60.0}}, "quick"),
+    ({"sensor_lag": {"tau_s_s": 12e-3}}, "quick"),
+    ({"sensor_nonlinearity": {"q_2_per_m": 200.0}}, "slow"),
+)
 
 
 def diagnosis(index: int, seed: int) -> dict[str, Any]:
@@ -246,28 +277,80 @@ def diagnosis(index: int, seed: int) -> dict[str, Any]:
     from bayes_dea.design.propose import ProposalSettings, propose
     from bayes_dea.mismatch.diagnosis import diagnose
 
-    material, plans, case = start(index, seed)
-    effect = EFFECTS[index % len(EFFECTS)]
-    more = {"effects": effect}
-    sizes, verdicts, carried = [], [], []
-    for _ in range(3):
-        campaign = measured(material, plans, case, **more)
-        found = diagnose(campaign, MODEL, index)
-        sizes.append(found.summary["indistinguishable"])
-        verdicts.append(found.summary["verdict"])
-        if len(sizes[-1]) == 1 or len(carried) == 2:
+    effects, which = CASES[index % len(CASES)]
+    material = Material.drawn(np.random.default_rng([seed, index]))
+    plans, case = first_campaign(which), 1000 * seed + index
+    steps: list[dict[str, Any]] = []
+    seconds = {"diagnose": 0.0, "propose": 0.0}
+    note = None
+    while True:
+        campaign = measured(material, plans, case, plates=True, effects=effects)
+        began = time.process_time()
+        found = diagnose(campaign, MODEL, index).summary
+        seconds["diagnose"] += time.process_time() - began
+        known = {h["name"]: h["probability"] for h in found["hypotheses"]}
+        left = found["indistinguishable"]
+        steps.append({"set": left, "probability": [known[n] for n in left]})
+        if len(left) == 1 or len(steps) == 3:
             break
+        began = time.process_time()
         try:
-            with_source = propose_from(found.summary, campaign, index, propose, ProposalSettings)
+            proposals = propose_from(found, campaign, index, propose, ProposalSettings)
         except InputError as error:  # what is left cannot be simulated: nothing to be proposed
-            carried.append(str(error))
+            note = str(error)
             break
-        best = with_source.ranking[0].experiment
-        carried.append(best.name)
-        plans = [*plans, recorded(f"next_{len(carried)}.csv", played(best))]
-    truth = "+".join(effect)
-    return {"truth": truth, "sets": sizes, "verdicts": verdicts, "carried_out": carried,
-            "asked": len(sizes[0]) > 1, "one_left": len(sizes[-1]) == 1, "right": verdicts[-1] == truth}
+        finally:
+            seconds["propose"] += time.process_time() - began
+        best = proposals.ranking[0]
+        promise = {"nats": best.answer.nats, "se": best.answer.se, "cost_s": best.cost_s, **best.answer.detail}
+        steps[-1] |= {"carried_out": best.experiment.name, "promise": promise,
+                      "seconds_by": proposals.summary["seconds_by"]}
+        rate = DIAGNOSED_HZ if best.experiment.column == "voltage_V" else DIAGNOSED_HZ / 4
+        plans = [*plans, RecordingPlan(f"next_{len(steps)}.csv", played(best.experiment), "identify", rate)]
+    truth = "+".join(effects)
+    last = steps[-1]["set"]
+    apart = {n: apart_nats(effects, n, plans, material) for n in last if n != truth} if truth in last else {}
+    return {"truth": truth, "campaign": which, "steps": steps, "note": note, "asked": len(steps[0]["set"]) > 1,
+            "apart_nats": apart, "one_left": len(last) == 1, "right": last[0] == truth, "held": truth in last,
+            "cpu_s": seconds}
+
+
+#: what a bench can do to tell two effects apart, all of it, with readings a second
+WIDE = ((Wave("rectangle", 20.0, 600.0, 600.0, cycles=200.0), DIAGNOSED_HZ),
+        (Wave("rectangle", 1.0, 600.0, 600.0, cycles=30.0), DIAGNOSED_HZ),
+        (Wave("sine", 40.0, cycles=400.0), DIAGNOSED_HZ),
+        (Creep(1200.0, 60.0, conditioning_steps=0), DIAGNOSED_HZ),
+        (Creep(300.0, 60.0, conditioning_steps=0), DIAGNOSED_HZ),
+        (Compression(0.1, speed_m_per_s=1e-3, cycles=3), 50.0), (Relaxation(0.1, hold_s=30.0), 50.0))
+#: log odds that leave one explanation
+ENOUGH_NATS = float(np.log(99.0))
+
+
+def apart_nats(
+    effects: dict[str, dict[str, float]], rival: str, plans: list[RecordingPlan], material: Material
+) -> float | None:
+    """Nats by which the bench's own equations tell what acts from a rival, after a linear refit of everything else.
+
+    A rival with one parameter is tried at strengths of either sign, one with parameters of what acts at the values
+    there; None for others. Below ENOUGH_NATS the physics does not allow the two to be told apart.
+    """
+    from bayes_dea.bench.effects import ALL
+    from bayes_dea.bench.sizes import Probe
+
+    own = {k: v for parameters in effects.values() for k, v in parameters.items()}
+    names = list(ALL[rival].parameters) if rival in ALL else []
+    if names and set(names) <= set(own):
+        rivals = [{k: own[k] for k in names}]
+    elif len(names) == 1:
+        signs = (1.0, -1.0) if names[0] in ALL[rival].signed else (1.0,)
+        middle = ALL[rival].parameters[names[0]]
+        rivals = [{names[0]: sign * middle * scale} for sign in signs for scale in np.geomspace(0.03, 3.0, 50)]
+    else:
+        return None
+    more = tuple(RecordingPlan(f"wide_{i}.csv", w, "identify", rate) for i, (w, rate) in enumerate(WIDE))
+    first = tuple(p for p in plans if not p.file.startswith("next_"))
+    probe = Probe(CampaignPlan("wide", (*first, *more), material=material))
+    return min(probe.size(effects, {rival: r}).nats for r in rivals)
 
 
 def propose_from(summary: dict[str, Any], campaign: Campaign, seed: int, propose: Any, settings: Any) -> Any:
@@ -305,11 +388,18 @@ def summarise(what: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
         out["paper_hours"] = float(np.median([r["paper_hours"] for r in rows]))
         out["ratio_to_random_median"] = float(np.median([r["chosen_hours"] / r["random_hours"] for r in rows]))
     else:
-        asked = [r for r in rows if r["asked"]]
+        asked = [r for r in rows if r["asked"] and allowed(r)]
+        out["not_allowed"] = [r["index"] for r in rows if r["asked"] and not allowed(r)]
         out["asked"] = len(asked)
         out["one_left"] = float(np.mean([r["one_left"] for r in asked])) if asked else None
-        out["right"] = float(np.mean([r["right"] for r in rows]))
+        out["one_left_and_right"] = float(np.mean([r["one_left"] and r["right"] for r in asked])) if asked else None
+        out["truth_held"] = float(np.mean([r["held"] for r in asked])) if asked else None
     return out
+
+
+def allowed(row: dict[str, Any]) -> bool:
+    """Whether the bench's equations let what was left be told apart at all."""
+    return all(v is None or v > ENOUGH_NATS for v in row.get("apart_nats", {}).values())
 
 
 def draw(rows: list[dict[str, Any]], path: Path) -> None:
@@ -333,6 +423,7 @@ def main() -> int:
     parser.add_argument("what", choices=tuple(WHAT))
     parser.add_argument("--n", type=int, default=50)
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--only", type=int, nargs="+", default=None, help="numbers of the cases to run, from 0")
     parser.add_argument("--out", type=Path, default=None, help="file that cases are appended to")
     parser.add_argument("--report", type=Path, default=None, help="folder for summary, rows and picture")
     options = parser.parse_args()
@@ -342,7 +433,7 @@ def main() -> int:
     from threadpoolctl import threadpool_limits
 
     for index in range(options.n):
-        if index in done:
+        if index in done or (options.only is not None and index not in options.only):
             continue
         began = time.perf_counter()
         with threadpool_limits(1), warnings.catch_warnings(), np.errstate(all="ignore"):
