@@ -70,7 +70,7 @@ def draw_coverage(result: dict[str, Any], path: Path) -> None:
         right.barh(place + shift, [100 * result["parameters_inside_90"][kind][n] for n in names], 0.34, color=color)
     right.axvline(90, color="0.3", lw=0.8)
     right.set(yticks=place, yticklabels=names, xlim=(0, 100),
-              xlabel="true value inside its 90 % interval / % of campaigns")
+              xlabel="campaigns with the truth in the 90 % interval / %")
     right.invert_yaxis()
     right.tick_params(labelsize=8)
     figure.tight_layout()
