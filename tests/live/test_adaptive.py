@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+from hearing import hears_ctrl_c
 from scipy import stats
 from stream import ACTUATOR, ONE_BRANCH, TOML, device, learner, rows_of
 from test_live_run import served
@@ -174,7 +175,7 @@ def test_ctrl_c_ramps_down_and_what_was_chosen_is_kept(toml, tmp_path):
     with served(machine, PtyPort(), 4.0) as name:
         run = subprocess.Popen([sys.executable, "-m", "bayes_dea", "live", "--campaign", str(toml), "--model",
                                 "hooke+gm1", "--out", str(out), "--particles", "300", "--port", name, "--adaptive",
-                                "--budget", "10min"], stderr=subprocess.PIPE, text=True)
+                                "--budget", "10min"], stderr=subprocess.PIPE, text=True, preexec_fn=hears_ctrl_c)
         until = time.monotonic() + 90
         while time.monotonic() < until and machine._voltage_V < 300:
             time.sleep(0.02)

@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from hearing import hears_ctrl_c
 from stream import TOML, device
 from test_live_run import served
 from threadpoolctl import threadpool_limits
@@ -67,7 +68,7 @@ def test_killed_while_it_opens_and_interrupted_later_it_ends_at_the_same_numbers
         first.send_signal(signal.SIGKILL)
         first.wait()
         assert rows_on_disk(out) > 200 * 20
-        second = subprocess.Popen([*arguments, "--play", "demo"], env=environment)
+        second = subprocess.Popen([*arguments, "--play", "demo"], env=environment, preexec_fn=hears_ctrl_c)
         until(second, 200 * 35)
         second.send_signal(signal.SIGINT)
         assert second.wait(timeout=120) == 130

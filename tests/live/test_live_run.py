@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from hearing import hears_ctrl_c
 from stream import TOML, device, learner
 from threadpoolctl import threadpool_limits
 
@@ -250,7 +251,7 @@ def test_interrupted_by_ctrl_c_it_ramps_down_and_keeps_all(toml, tmp_path):
     with served(machine, PtyPort(), 4.0) as name:
         run = subprocess.Popen([sys.executable, "-m", "bayes_dea", "live", "--campaign", str(toml), "--model",
                                 "hooke+gm1", "--out", str(out), "--particles", "300", "--port", name, "--play",
-                                "creep_0800V"], stderr=subprocess.PIPE, text=True)
+                                "creep_0800V"], stderr=subprocess.PIPE, text=True, preexec_fn=hears_ctrl_c)
         until = time.monotonic() + 90
         while time.monotonic() < until and machine._voltage_V < 700:
             time.sleep(0.02)
