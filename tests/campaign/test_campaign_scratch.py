@@ -267,6 +267,7 @@ def test_a_recording_longer_than_the_memory_of_the_process(tmp_path):
     assert run(220_000_000, 10**12) == {"refused": True}, "the limit is one"
 
 
+@pytest.mark.long
 def test_a_calibration_from_scratch_files_has_the_same_numbers(small_campaign, tmp_path):
     """From reading to the page's samples, in one process each way."""
     folder = tiny_campaign(small_campaign, tmp_path / "tiny")

@@ -130,6 +130,7 @@ def test_commands_can_be_predicted(made, tmp_path):
     assert signal.column == "voltage_V"
 
 
+@pytest.mark.long
 def test_between_models_the_gain_is_at_most_what_is_unknown(campaign):
     result = bd.propose(campaign, "models", models="hooke+gm1,hooke+gm2", settings=QUICK, seed=1)
     s = result.summary

@@ -65,6 +65,7 @@ def test_banana_moments():
     assert x[:, 0].std() == pytest.approx(1.0, rel=0.05)
 
 
+@pytest.mark.long
 def test_claimed_error_is_the_spread_of_independent_ensembles():
     """24 ensembles in 3 dimensions: spread of their means against the error each would claim."""
     settings, rng = EnsembleSettings(max_steps=700, tau_factor=1e9), np.random.default_rng(2)

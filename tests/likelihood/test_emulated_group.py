@@ -111,6 +111,7 @@ def test_emulated_and_simulated_density_agree_over_the_posterior(effect):
     np.testing.assert_allclose(b[:, 2:], a[:, 2:], rtol=1e-2)
 
 
+@pytest.mark.long
 def test_voltage_and_compression_together():
     e, truth = emulation_of("strain_stiffening", True)
     q = draws_of(e, 150)
@@ -132,6 +133,7 @@ def test_the_noise_is_followed_far_from_the_centre():
     assert e.emulated.log_prob(q)[3] == -np.inf
 
 
+@pytest.mark.long
 def test_agrees_with_a_run_on_simulations():
     """Draws of the emulator, reweighted, against emcee on the simulated density itself."""
     import emcee
@@ -149,6 +151,7 @@ def test_agrees_with_a_run_on_simulations():
     assert np.all(np.abs(np.log(exact.std(axis=0) / sd)) < 0.3)
 
 
+@pytest.mark.long
 def test_calibration_converges_covers_the_truth_and_reports_its_emulator():
     _, truth, campaign = small_campaign_of("hooke+gm1+series_resistance", EFFECTS["series_resistance"])
     settings = bd.CalibrationSettings(simulated_draws=200, predictive_draws=50)
@@ -167,6 +170,7 @@ def test_calibration_converges_covers_the_truth_and_reports_its_emulator():
     assert not any("emulator" in w.lower() for w in r.summary["warnings"])
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_emulator():
     one, two = (make("thickness_feedback")[0] for make in (emulation_of, emulation_of.__wrapped__))
     np.testing.assert_array_equal(one.start, two.start)

@@ -94,6 +94,7 @@ def carried_out(seed):
     return np.mean(rounds, axis=0)
 
 
+@pytest.mark.long
 @threadpool_limits.wrap(limits=1)
 def test_what_is_expected_is_what_it_teaches():
     """Over six benches, the 95 % interval (Student, seeds as units) of what is realised over what is expected lies
@@ -105,6 +106,7 @@ def test_what_is_expected_is_what_it_teaches():
     assert abs(log_ratio.mean()) + reach * log_ratio.std(ddof=1) < 0.12
 
 
+@pytest.mark.long
 def test_it_stops_when_what_is_wanted_is_known(toml, tmp_path):
     out = tmp_path / "out"
     with served(device(), PtyPort(), 8.0) as name:
@@ -130,6 +132,7 @@ def test_it_stops_when_what_is_wanted_is_known(toml, tmp_path):
     assert summary["complete"]
 
 
+@pytest.mark.long
 def test_it_stops_when_the_budget_is_spent_and_goes_on_with_what_is_left(toml, tmp_path):
     out = tmp_path / "out"
     with served(device(), TcpPort("127.0.0.1", 0), 4.0) as name:

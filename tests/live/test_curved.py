@@ -136,6 +136,7 @@ def test_more_than_this_is_refused_with_the_way_out():
             check_curved(build_model(spec))
 
 
+@pytest.mark.long
 def test_where_refits_lead_nowhere_a_search_does(monkeypatch):
     monkeypatch.setattr("bayes_dea.live.follow.by_refits", lambda *_: None)
     rows, _ = rows_of(23)

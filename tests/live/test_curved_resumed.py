@@ -48,6 +48,7 @@ def replayed(out, toml):
     return one, evidence, last
 
 
+@pytest.mark.long
 def test_killed_while_it_opens_and_interrupted_later_it_ends_at_the_same_numbers(tmp_path):
     toml, out = tmp_path / "campaign.toml", tmp_path / "out"
     toml.write_text(TOML)

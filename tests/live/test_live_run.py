@@ -116,6 +116,7 @@ def test_a_reset_begins_a_session_of_its_own(toml, tmp_path):
     assert sum(r.n for r in campaign.recordings) == summary["samples"]
 
 
+@pytest.mark.long
 def test_a_port_that_does_not_come_back_ends_the_run_with_all_kept(toml, tmp_path):
     out = tmp_path / "out"
     port = PtyPort()

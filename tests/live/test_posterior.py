@@ -75,6 +75,7 @@ def test_sums_grow_to_those_of_the_batch_however_they_are_cut(rows):
     assert got.steps.tolist() == [1.0, 2.0, 3.0]
 
 
+@pytest.mark.long
 def test_at_five_stages_it_is_the_batch_posterior(rows):
     one = learner(particles=2000)
     one.feed(Session(1, zeroed=True), rows)

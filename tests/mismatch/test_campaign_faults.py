@@ -45,6 +45,7 @@ def test_false_readings_beside_edges_are_masked_and_named(plain):
     assert masked["isolated reading"] >= 1
 
 
+@pytest.mark.long
 def test_a_resistance_and_a_delay_lose_no_reading(diagnosed):
     for name, parameters in (("series_resistance", {"R_s_ohm": 1.2e5}), ("acquisition_delay", {"T_d_s": 0.0064})):
         s = diagnosed(name, parameters).summary
@@ -52,6 +53,7 @@ def test_a_resistance_and_a_delay_lose_no_reading(diagnosed):
         assert not any("left out" in w for w in s["warnings"])
 
 
+@pytest.mark.long
 def test_a_recording_of_another_actuator_is_found_and_named(plain):
     """15 % stiffer: every reading of one recording 13 % smaller."""
     c = with_column(plain, "triangle_1Hz.csv", lambda y, r: y[0] + (y - y[0]) / 1.15)

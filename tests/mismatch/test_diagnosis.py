@@ -80,6 +80,7 @@ def test_where_the_mismatch_of_a_resistance_lives(diagnosed):
     assert all(w["t_start_s"] <= w["t_end_s"] for w in s["mismatch"]["where"])
 
 
+@pytest.mark.long
 def test_a_disturbance_that_is_on_no_list_is_not_given_a_confident_name():
     from bayes_dea.mismatch.diagnosis import diagnose
 
