@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.models.static import HOOKE, N_PARAMETERS, StaticLaw, law_stress_tangent
 from bayes_dea.models.static import law as law_by_name
+from bayes_dea.models.stiff_gkv import coupled_rates, ramp_step
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,8 @@ NETWORKS = {"gm": GM, "gkm": GKM, "gkv": GKV}
 
 #: allowed difference of the quadratic and the linear path at the end of a step, in strain
 PATH_TOLERANCE = 5e-9
+#: a spring this many times faster than a step makes the explicit slope of the path unstable
+_STIFF = 4.0
 #: steps tried within one interval before the answer is nan: a law that softens runs away, others need tens
 _MAX_TRIES = 20_000
 #: within this strain of the last evaluation the law is its tangent there: the error is below
@@ -434,7 +437,12 @@ def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: fl
     speed = (end - start) / h
     s, t = law_stress_tangent(law_id, p, spring)
     rest, step, tries = h, h, 0
+    coupling = 0.0
+    for i in range(n):
+        coupling += rate[i] / k[i]
     while rest > 0.0:
+        if t * coupling * step > _STIFF:
+            return _strain_steps_stiff(law_id, p, n, k, rate, rest, end - speed * rest, speed, new)
         table = regular
         if step != h:
             table = work
@@ -478,6 +486,54 @@ def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: fl
     for i in range(n):
         spring -= new[i]
     s, t = law_stress_tangent(law_id, p, spring)
+    return s
+
+
+@_jit
+def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, rest: float, start: float,
+                        speed: float, new: Array) -> float:
+    """GKV behind a stiff spring: as `_strain_step_gkv` for what is left of a step, along the tangent of the law.
+
+    Along it the branches are exact; the law's distance from it at the end is what a step is cut by.
+    """
+    change = np.empty(n)
+    strain, step, tries = start, rest, 0
+    end = start + speed * rest
+    spring = start
+    for i in range(n):
+        spring -= new[i]
+    s, t = law_stress_tangent(law_id, p, spring)
+    mu, vectors = coupled_rates(n, k, rate, t)
+    while rest > 0.0:
+        moved = speed * step - ramp_step(n, k, rate, mu, vectors, t, step, speed, s, new, change)
+        s_new, t_new = law_stress_tangent(law_id, p, spring + moved)
+        # the law's bend moves the branches by what a stress that grows with the square of time moves them by
+        last = 0.0
+        for i in range(n):
+            x = step * rate[i]
+            last += min(x / 3.0, 1.0) / k[i]
+        error = abs(s_new - s - t * moved) * last / (1.0 + t * last)
+        tries += 1
+        # (a nan is no reason to go on)
+        if not error <= PATH_TOLERANCE and step > 1e-7 * rest and tries < _MAX_TRIES:
+            step = _shorter(step, error) if math.isfinite(error) else 0.1 * step
+            continue
+        if tries >= _MAX_TRIES:
+            return math.nan
+        for i in range(n):
+            new[i] += change[i]
+        strain += speed * step
+        spring = end if step >= rest else strain
+        for i in range(n):
+            spring -= new[i]
+        s, t_new = law_stress_tangent(law_id, p, spring)
+        if step >= rest:
+            break
+        if t_new != t:
+            t = t_new
+            mu, vectors = coupled_rates(n, k, rate, t)
+        rest -= step
+        step = min(rest, max(step, _shorter(step, error)))
     return s
 
 

@@ -1,5 +1,7 @@
 """The compiled mechanical stage against scipy's solvers and the conformance columns."""
 
+import time
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -16,15 +18,15 @@ GENT = [3.9243e5, 5.0]
 OGDEN = [-3494.0, 1.4088e5, -3494.0, 153.0931, 5.9611, -153.0931 / 2]
 
 
-def law_yeoh(e):
+def law_yeoh(e, p=YEOH):
     lam = 1 - e
     i = 2 / lam + lam**2 - 3
-    return -2 * (lam**2 - 1 / lam) * (YEOH[0] + 2 * YEOH[1] * i + 3 * YEOH[2] * i**2)
+    return -2 * (lam**2 - 1 / lam) * (p[0] + 2 * p[1] * i + 3 * p[2] * i**2)
 
 
-def law_gent(e):
+def law_gent(e, p=GENT):
     lam = 1 - e
-    return -GENT[0] * GENT[1] * (lam**2 - 1 / lam) / (GENT[1] - (2 / lam + lam**2) + 3)
+    return -p[0] * p[1] * (lam**2 - 1 / lam) / (p[1] - (2 / lam + lam**2) + 3)
 
 
 def law_ogden(e):
@@ -149,6 +151,37 @@ def test_strain_driven_against_solve_ivp(case):
             expected.append(law(e[b + 1]) + 1e6 * q.sum() + d0 * v)
     np.testing.assert_allclose(ours.stress, expected, rtol=1e-7, atol=0.1)
     np.testing.assert_array_equal(ours.e_material, e)
+
+
+@pytest.mark.parametrize("k", [[6.6e3], [6.6e3, 4e4, 2e5]])
+@pytest.mark.parametrize(("law", "p", "own"), [("gent", [6e6, 180.0], law_gent), ("yeoh", [6e6, -3e6, 8e6], law_yeoh)])
+def test_a_spring_far_stiffer_than_the_branches_takes_no_short_steps(law, p, own, k):
+    """The rates that the spring gives the branches lie near 1e5 per second; the ramps last up to a second."""
+    k, tau = np.array(k), np.array([0.0176, 0.3, 5.0])[: len(k)]
+    rng = np.random.default_rng(8)
+    h = 10 ** rng.uniform(-3, 0.0, 30)
+    e = np.r_[0.0, np.cumsum(rng.uniform(0.0, 0.01, 30))]
+    began = time.perf_counter()
+    ours = mechanics.strain_driven(law, p, "gkv", k, tau, 0.0, h, e)
+    took = time.perf_counter() - began
+    q, expected = np.zeros(k.size), [0.0]
+    for b, dt in enumerate(h):
+        v = (e[b + 1] - e[b]) / dt
+
+        def branches(t, y, b=b, v=v):
+            return (own(e[b] + v * t - y.sum(), p) / k - y) / tau
+
+        found = solve_ivp(branches, (0.0, dt), q, method="Radau", rtol=1e-10, atol=1e-14)
+        assert found.success
+        q = found.y[:, -1]
+        expected.append(own(e[b + 1] - q.sum(), p))
+    np.testing.assert_allclose(ours.stress, expected, rtol=1e-6, atol=0.1)
+    again = [time.perf_counter()]
+    for _ in range(5):
+        mechanics.strain_driven(law, p, "gkv", k, tau, 0.0, h, e)
+        again.append(time.perf_counter())
+    # 30 intervals; with steps as short as the rates ask for it is some 10 ms
+    assert min(took, *np.diff(again)) < 3e-3
 
 
 def test_contact_is_lost_and_found_against_solve_ivp():
