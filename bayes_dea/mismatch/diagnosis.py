@@ -26,7 +26,7 @@ from .features import Features, features
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
 from .locate import ADEQUATE, scan
-from .name import Explanation, Naming, name_physics
+from .name import Explanation, Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
 from .prove import HeldOut, held_out, unanswered, without_validation
@@ -228,7 +228,7 @@ def _once(
         return found
 
     say("refining the fit", 3, 3, "")
-    retimed = _retimed(seen.base, prior, r_name, lambda *at: say("rereading", *at))
+    retimed = _retimed(seen.base, campaign, priors, prior, r_name, lambda *at: say("rereading", *at))
     if retimed is not None:
         seen.take(retimed)
     naming = named()
@@ -301,12 +301,26 @@ def _resolution(campaign: Campaign) -> float:
     return sensor.resolution if sensor is not None and sensor.resolution else _RESOLUTION_M
 
 
-def _retimed(base: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence) -> Rereading | None:
-    """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that."""
+def _retimed(
+    base: Fit,
+    campaign: Campaign,
+    overrides: Mapping[str, Any] | None,
+    prior: NoisePrior,
+    rng: np.random.Generator,
+    tell: Tell = silence,
+) -> Rereading | None:
+    """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that.
+
+    None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
+    """
     if scan(base, rng).p_value > ADEQUATE:
         return None
     found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
-    return max(found, key=lambda r: r.log_weight) if found else None
+    if not found:
+        return None
+    best = max(found, key=lambda r: r.log_weight)
+    delayed = weigh_delay(base, campaign, overrides, prior, rng)
+    return None if delayed is not None and delayed > best.log_weight else best
 
 
 def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence) -> Rereading | None:

@@ -11,7 +11,7 @@ from ..models.model import Model, build_model
 from ..priors import Prior, prior_folder
 from .weigh import Weighed
 
-NONE, UNKNOWN, MAINS = "none", "unknown", "mains_pickup"
+NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
 
 #: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
 #: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)

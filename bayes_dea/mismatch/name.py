@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 from ..campaign.schema import Campaign
 from .discrepancy import Discrepancy, basis, discrepancy
 from .features import Features
-from .hypotheses import NONE, UNKNOWN, candidates, effect_priors, prior_odds
+from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
 from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
 from .refit import Fit
@@ -194,6 +194,26 @@ def name_physics(
     probability = {k: math.exp(v - total) for k, v in log_p.items()}
     probability = _with_adequacy(probability, best)
     return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, visible)
+
+
+def weigh_delay(
+    base: Fit, campaign: Campaign, overrides: Mapping[str, object] | None, prior: NoisePrior, rng: np.random.Generator
+) -> float | None:
+    """Log evidence and log prior of a delay of the readings, weighed alone; None where none can be told."""
+    model = base.problem.model
+    names, _ = candidates(model, campaign, {p.channel for p in base.problem.pieces}, ())
+    if DELAY not in names:
+        return None
+
+    def quiet(*_: object) -> None:
+        """Nothing is said of it."""
+
+    given: dict[str, object] = {**effect_priors([DELAY], campaign), **(overrides or {})}
+    found = on_grids([Frame(replace(base, noise=prior.start()))], 1, model, [DELAY], given, quiet, None)
+    weighed = refined(base, found, prior, quiet, 1, rng)
+    if not weighed:
+        return None
+    return weighed[DELAY].log_evidence + math.log(prior_odds()["single"] / max(len(names), 1))
 
 
 def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from .hypotheses import NONE
+from .hypotheses import DELAY, NONE
 from .name import Naming
 from .refit import Fit
 
-_DELAY = "acquisition_delay"
 _PARAMETER = "T_d_s"
 
 
@@ -35,14 +34,14 @@ def as_timing(probability: dict[str, float], naming: Naming, step_s: float) -> S
     delays: dict[str, float] = {}
     for name in list(p):
         parts = name.split("+")
-        if _DELAY not in parts or name not in naming.weighed:
+        if DELAY not in parts or name not in naming.weighed:
             continue
         fit = naming.weighed[name].fit
         if all(x.name != _PARAMETER for x in fit.problem.model.priors.free):  # not refitted: it is far behind
             continue
         centre, sd = _log_delay(fit)
         share = float(ndtr((math.log(step_s) - centre) / max(sd, 1e-9)))
-        bare = "+".join(x for x in parts if x != _DELAY) or NONE
+        bare = "+".join(x for x in parts if x != DELAY) or NONE
         moved = p[name] * share
         if moved > p.get(bare, 0.0):
             delays[bare] = math.exp(centre)

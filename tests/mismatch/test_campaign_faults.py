@@ -75,6 +75,15 @@ def test_a_shift_below_one_sample_is_timing_and_no_physics():
     assert "timing" in s["statement"]
 
 
+def test_a_delay_of_one_sample_and_a_bit_is_a_delay():
+    """1.3 ms at 1 kHz: read one row later, what is left would look like a resistance."""
+    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 0.0013}}), "hooke+gm3").summary
+    assert s["verdict"] == "acquisition_delay"
+    delay = s["hypotheses"][0]["parameters"]["T_d_s"]
+    assert abs(delay["mean"] - 0.0013) < 3.0 * delay["sd"] + 2e-5
+    assert not any(w.startswith("timing:") for w in s["warnings"])
+
+
 @pytest.mark.parametrize("hold", ["start", "linear"])
 def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     c = replace(plain, recordings=tuple(replace(r, hold=hold) for r in plain.recordings))
