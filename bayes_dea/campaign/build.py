@@ -16,6 +16,7 @@ from bayes_dea.campaign.schema import HOLDS, ROLES, Actuator, Campaign, Recordin
 from bayes_dea.campaign.settings import check_geometry, choice, parse_conventions
 from bayes_dea.campaign.specimens import check_specimens
 from bayes_dea.campaign.statements import check_statements
+from bayes_dea.campaign.time_units import check_time_units
 from bayes_dea.campaign.vocabulary import COLUMNS
 from bayes_dea.errors import InputError
 
@@ -93,7 +94,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     together = check_statements(found, sensors or {}) + check_specimens(found, sensors or {})
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
-    collected += together
+    collected += together + check_time_units(found)
     if not any(r.role == "validate" for r in found) and len(found) > 1:
         collected.append('No recording has role = "validate": predictions cannot be checked on recordings '
                          'that no fit has seen. Set aside one or two.')

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import bayes_dea as bd
 from bayes_dea.campaign.columns import to_si
 from bayes_dea.campaign.format_map import ColumnMap
 from bayes_dea.campaign.units import conversion, suffix
@@ -47,3 +48,24 @@ def test_millimetres_keep_their_last_digit():
     flipped = to_si(raw, ColumnMap(name="x", unit="mm", sign=-1, offset="first"), "displacement_m", "f")
     np.testing.assert_allclose(flipped, [0.0, 12.2e-3, 4.6e-3], atol=1e-16)
     assert raw.tolist() == [12.3, 0.1, 7.7]
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("ms", 1e-3), ("us", 1e-6), ("min", 60.0), ("h", 3600.0)])
+def test_times_in_another_unit_than_those_of_the_others_are_asked_about(data, unit, seconds):
+    def campaign(factor, others=1.0, count=4):
+        recordings = []
+        for i in range(count):
+            columns = data(volts=600.0 + 150.0 * i, seed=i)
+            columns["time_s"] = columns["time_s"] * (factor if i == 1 else 1.0) * (others if i == 2 else 1.0)
+            recordings.append(bd.recording_from_arrays(f"{i}.csv", "creep", columns, "identify", bd.Actuator("a")))
+        return [w for w in bd.campaign_from_recordings(recordings).warnings if "its time step" in w]
+
+    said = campaign(1.0 / seconds)
+    assert len(said) == 1
+    assert said[0].startswith("1.csv")
+    assert f'unit = "{unit}"' in said[0]
+    # another rate is another rate; with rates of all kinds, or few recordings, nothing can be said
+    assert not campaign(1.0)
+    assert not campaign(500.0)
+    assert not campaign(1.0 / seconds, others=3.0)
+    assert not campaign(1.0 / seconds, count=2)
