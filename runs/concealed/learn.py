@@ -3,8 +3,10 @@
     python runs/concealed/learn.py STUDY [STUDY ...] --out priors/diagnosis/confidence.toml
 
 confidence = (1 - lapse) * sigmoid(a + b * logit(raw)), b > 0: rising, with three numbers to learn, so that a few
-hundred campaigns are enough. The lapse says that a verdict may be wrong whatever its evidence. Weak priors (a about
-0 +- 1, log b about 0 +- 0.5, lapse about 2 %) keep a small study from claiming what it has not seen.
+hundred campaigns are enough. The lapse says that a verdict may be wrong whatever its evidence. Weak priors of a (0 +-
+1) and log b (0 +- 0.5) keep a small study from claiming what it has not seen. That of the lapse (4 %, a factor of 1.6
+either way) is stronger: what was wrong on these seeds has been looked at and mended, so that they show fewer lapses
+than seeds that nobody has seen, and the benches of others are not this one.
 """
 
 from __future__ import annotations
@@ -41,8 +43,8 @@ def learn(rows: Sequence[Row]) -> Array:
     """Three numbers of the map, most probable after the rows."""
     raw = np.array([r["raw"] for r in rows], float)
     right = np.array([hit(r) for r in rows], bool)
-    center = np.array([0.0, 0.0, logit(0.02)])
-    width = np.array([1.0, 0.5, 1.0])
+    center = np.array([0.0, 0.0, logit(0.04)])
+    width = np.array([1.0, 0.5, 0.5])
 
     def cost(theta: Array) -> float:
         c = np.clip(mapped(raw, theta), 1e-12, 1.0 - 1e-12)
