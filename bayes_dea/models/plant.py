@@ -24,6 +24,10 @@ from .static import HOOKE, LAWS, small_strain_modulus
 FRICTION_ELEMENTS = 64
 
 
+#: part of a damper's lag, and angle (rad) of a mass's swing, within which a branch relaxes that passes for a damper
+_DAMPER = 0.01
+
+
 @dataclass(frozen=True)
 class Plant:
     """The chain as numbers, in SI units; every effect is off by default.
@@ -154,22 +158,42 @@ class Plant:
     @cached_property
     def _numbers(self) -> NDArray[np.float64]:
         mass = self._mass
+        branches, damper = self._beside_the_damper
         w = np.zeros(pk.SIZE)
         for index, value in (
             (pk.P_LAW, self.law_id), (pk.P_Y, self.Y_Pa), (pk.P_BETA, self.beta), (pk.P_DE, self.dE_Pa),
             (pk.P_EC, self.e_c), (pk.P_SHARE, self.mullins_share), (pk.P_MM, self.mullins_m_Pa),
             (pk.P_MB, self.mullins_b), (pk.P_SY, self.sigma_y_Pa), (pk.P_EY, self.eps_y),
             (pk.P_ELEMENTS, self.friction_elements),
-            (pk.P_D0, self.d0_Pa_s + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)), (pk.P_MASS, mass),
+            (pk.P_D0, damper + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)), (pk.P_MASS, mass),
             (pk.P_FACTOR, self.factor), (pk.P_THICK, self.thickness_feedback), (pk.P_CEPS, self.c_eps),
             (pk.P_CHI, self.chi), (pk.P_TAUD, self.tau_d_s), (pk.P_RS, self.R_s_ohm), (pk.P_RL, self.R_leak_ohm),
             (pk.P_C0, self.capacitance_F), (pk.P_EACT, self.E_0_V_per_m), (pk.P_Z0, self.thickness_m),
-            (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s), (pk.P_N, len(self.branches)),
+            (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s), (pk.P_N, len(branches)),
         ):
             w[index] = value
-        for j, (k, tau) in enumerate(self.branches):
+        for j, (k, tau) in enumerate(branches):
             w[pk.A_K + j], w[pk.A_TAU + j] = k, tau
         return w
+
+    @property
+    def _beside_the_damper(self) -> tuple[list[tuple[float, float]], float]:
+        """Branches, and the damper (Pa s) beside them.
+
+        A branch that relaxes within a small part of the mass's period, or of the lag of a damper, is a damper itself.
+        As a branch it would be a spring far stiffer than the rest, and every step would take tens of iterations.
+        """
+        left, damper = sorted(self.branches, key=lambda branch: -branch[1]), self.d0_Pa_s
+        if damper == 0.0 and not np.isfinite(self.f_1_Hz):
+            return self.branches, 0.0
+        while left:
+            k, tau = left[-1]
+            lag = (damper + k * tau) / (self.Y_Pa + sum(k for k, _ in left[:-1])) if self.Y_Pa > 0.0 else 0.0
+            period = 1.0 / (2 * np.pi * self.f_1_Hz) if np.isfinite(self.f_1_Hz) else lag
+            if not tau < _DAMPER * min(lag, period):
+                break
+            left, damper = left[:-1], damper + k * tau
+        return left, damper
 
     def kernel_numbers(self) -> NDArray[np.float64]:
         """The plant as `plant_kernel` takes it (SIZE,), a fresh copy: a run overwrites the state in it."""

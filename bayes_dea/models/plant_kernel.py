@@ -54,7 +54,8 @@ _inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")
     X_H,  # length of step that the coefficients belong to
     # coefficients of a step: sum k (1 - a), sum k phi_1; memory and weights of the input's start and end
     X_LOSS, X_LAG, X_PA, X_P0, X_P1, X_QA, X_Q0, X_Q1,
-) = range(32, 56)
+    X_TRIED,  # steps tried since the state was prepared
+) = range(32, 57)
 
 #: most branches, reversal points and elements of friction
 BRANCHES, STACK, ELEMENTS = 24, 64, 256
@@ -507,6 +508,7 @@ def run(w, law_p, h, u0, u1, out):
             break
     w[X_E], w[X_VEL], w[X_V], w[X_VQ], w[X_P], w[X_WM] = e, vel, V, vq, P, Wm
     w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q] = s, t, f, tf, Q
+    w[X_TRIED] += spent
 
 
 @_jit
@@ -516,7 +518,7 @@ def prepare(w, law_p):
     for j in range(int(w[P_N])):
         w[P_K] += w[A_K + j]
         w[A_Q + j] = 0.0
-    w[X_E:X_Q1 + 1] = 0.0
+    w[X_E:X_TRIED + 1] = 0.0
     w[X_H] = -1.0
     w[X_S], w[X_T], _ = _elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], 0.0, 1.0, 0.0, 0.0, 0.0)
     n = int(w[P_ELEMENTS])

@@ -278,15 +278,17 @@ def _parameter_entries(paper: Printed, fits: dict[str, LawFit], beliefs: dict[st
                              agrees, why, circular))
             good: bool | None = bool(abs(mean - given) <= 2.0 * width)
             why = put_in
+            said: tuple[float | None, float | None] = mean, width
             if not belief.settled:
-                good, why = None, "its draws do not meet their own test of convergence, so that nothing is said by them"
+                good, why = None, "its draws do not meet their own test of convergence: no value is given"
+                said = None, None
             elif name == "gent" and i == 0:
                 good, why = None, _why_not_by_posterior(name, i, belief, parameter)
             elif not good:
                 why = _why_not_by_posterior(name, i, belief, parameter) if loose else "; ".join(filter(None, (
                     f"{(mean - given) / width:+.1f} sd: the posterior counts the branches apart from the law and finds "
                     "the zero from the whole path", put_in)))
-            out.append(Entry("Table SIV", f"{what}, posterior{mended}", shown, mean, width, _unit(parameter), good,
+            out.append(Entry("Table SIV", f"{what}, posterior{mended}", shown, *said, _unit(parameter), good,
                              why, circular))
     return out
 
@@ -501,7 +503,7 @@ def _posterior_text(beliefs: dict[str, LawPosterior]) -> str:
     )
     if open_:
         text += (f" The draws of {' and '.join(open_)} do not meet their own test of convergence: its parameters lie "
-                 "on a ridge, the widths given are lower limits, and no agreement is read off them.")
+                 "on a ridge, and no values are given for them.")
     return text
 
 

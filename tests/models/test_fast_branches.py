@@ -1,0 +1,52 @@
+"""A branch far faster than a mass or a damper is a damper: the same displacement, and no iterations without end."""
+
+import numpy as np
+import pytest
+
+from bayes_dea import Actuator
+from bayes_dea.models import plant_kernel as pk
+from bayes_dea.models.model import build_model
+from bayes_dea.models.plant import plant_of
+
+ACTUATOR = Actuator("reference", 399, 25e-6, 2.8, 7.5602e-5, 1.1450e-4, 10.261e-3)
+SLOW = {"Y_Pa": 1.4e6, "k_1_Pa": 7e4, "tau_1_s": 20.0, "k_2_Pa": 5e4, "tau_2_s": 0.5}
+RING = {"f_1_Hz": 300.0, "zeta": 0.12}
+FRICTION = {"sigma_y_Pa": 8600.0, "eps_y": 0.0048}
+CIRCUIT = {"R_s_ohm": 5e4}
+
+
+def strain(spec, values):
+    """Strain (m,) of ten rectangles of 10 Hz at 1 kHz, and the steps tried a node."""
+    plant = plant_of(build_model(spec), {**SLOW, **values}, ACTUATOR)
+    h = np.full(1000, 1e-3)
+    volts = np.where(np.arange(1000) // 50 % 2 == 0, 250.0, 1050.0)
+    out, w = np.empty(1000), plant.kernel_numbers()
+    pk.drive_voltage(w, plant.law, h, volts, volts, out)
+    return out, w[pk.X_TRIED] / 1000
+
+
+@pytest.mark.parametrize(("effects", "values"), [
+    ("rate_independent_hysteresis+inertia", {**FRICTION, **RING}),
+    ("series_resistance+inertia", {**CIRCUIT, **RING}),
+    ("rate_independent_hysteresis+parallel_damper", {**FRICTION, "d0_Pa_s": 300.0}),
+    ("series_resistance+parallel_damper", {**CIRCUIT, "d0_Pa_s": 300.0}),
+])
+@pytest.mark.parametrize("tau", [1e-6, 1e-7])
+def test_a_branch_far_faster_than_all_else_is_a_damper(effects, values, tau):
+    fast, tried = strain(f"hooke+gm3+{effects}", {**values, "k_3_Pa": 500.0 / tau, "tau_3_s": tau})
+    other = effects if "damper" in effects else f"{effects}+parallel_damper"
+    with_damper, _ = strain(f"hooke+gm2+{other}", {**values, "d0_Pa_s": values.get("d0_Pa_s", 0.0) + 500.0})
+    assert np.isfinite(fast).all()
+    np.testing.assert_allclose(fast, with_damper, atol=1e-9)
+    assert tried < 12.0
+
+
+def test_a_branch_as_fast_as_the_damper_stays_a_branch():
+    """Half of the damper's lag: the two differ by far more than the steps' accuracy."""
+    values = {**FRICTION, "d0_Pa_s": 300.0}
+    lag = 300.0 / 1.5e6
+    branch, _ = strain("hooke+gm3+rate_independent_hysteresis+parallel_damper",
+                       {**values, "k_3_Pa": 2e5, "tau_3_s": 0.5 * lag})
+    folded, _ = strain("hooke+gm2+rate_independent_hysteresis+parallel_damper",
+                       {**values, "d0_Pa_s": 300.0 + 2e5 * 0.5 * lag})
+    assert np.max(np.abs(branch - folded)) > 1e-6
