@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_dea.mismatch.discrepancy import basis, discrepancy
 from bayes_dea.mismatch.hypotheses import VARIANTS, extended, law_of
+from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.prove import held_out, unanswered
 from bayes_dea.mismatch.summary import proof_summary
@@ -44,6 +46,24 @@ def test_a_correction_without_an_answer_on_a_held_out_recording_is_said(diagnose
     assert as_json["elpd_gain"] is None
     assert as_json["held_out"][0]["elpd_after"] is None
     assert as_json["held_out"][1]["elpd_after"] is not None
+
+
+def test_a_discrepancy_beside_a_fit_that_finds_no_answer_ends_the_search_and_not_the_run(diagnosed, monkeypatch):
+    """Where a step of the refit leads to no answer, the step is shortened, with a discrepancy as without."""
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    base, columns, prior = result.base, basis(result.base), noise_prior(result.assembled)
+    clean, refused = Problem.clean, []
+
+    def near_alone(self, q, only=None):
+        out = clean(self, q, only)
+        far = np.max(np.abs(q - base.q)[: base.problem.model.dimension]) > 2e-4
+        refused.append(far)
+        return [np.full(x.shape, np.nan) for x in out] if far else out
+
+    monkeypatch.setattr(Problem, "clean", near_alone)
+    found = discrepancy(base, columns, prior)
+    assert any(refused)
+    assert math.isfinite(found.gain)
 
 
 def test_a_second_effect_stands_beside_the_law_that_the_first_was_given(diagnosed):
