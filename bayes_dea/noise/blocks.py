@@ -98,10 +98,11 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     for k in range(1, s.single_before_edge + 1):
         alone[np.maximum(np.asarray(at) - k, 0)] = True
     spread = float(finite.max() - finite.min()) if finite.size else 0.0
-    # a measured input scatters: what its noise does must not cut blocks
-    tolerance = max(s.input_share * spread, 8.0 * input_noise(finite)) if spread > 0 else math.inf
+    tolerance = s.input_share * spread if spread > 0 else math.inf
+    # what the scatter of a measured input does must not cut blocks; resolution hides a fifth of it from the estimate
+    noise = 1.25 * input_noise(finite) if spread > 0 else 0.0
     step = median(differences(t, good)) if finite.size > 1 else 1.0
-    start, stop = _cut(t, v, good, edge, alone, tolerance, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
+    start, stop = _cut(t, v, good, edge, alone, tolerance, noise, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
                        s.single_after_edge, step)
     count = _counts(masked, start, stop)
     keep = count > 0
@@ -116,7 +117,8 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
 
 
 @njit(cache=True)
-def _cut(t, u, good, edge, alone, tolerance, growth, longest, single, step):
+def _cut(t, u, good, edge, alone, tolerance, noise, growth, longest, single, step):
+    """Starts and stops of blocks. The range of k rows of noise grows like 2 sd sqrt(2 log k)."""
     n = t.size
     start = np.empty(n, dtype=np.int64)
     stop = np.empty(n, dtype=np.int64)
@@ -148,13 +150,13 @@ def _cut(t, u, good, edge, alone, tolerance, growth, longest, single, step):
             while j < n and good[j] and not edge[j] and not alone[j] and t[j] - previous <= allowed:
                 low = min(low, u[j])
                 high = max(high, u[j])
-                if high - low > tolerance:
+                if high - low > tolerance and high - low > noise * (4.0 + 2.0 * math.sqrt(2.0 * math.log(j + 1.0 - i))):
                     cut_by_input = True
                     break
                 j += 1
         if j < n and good[j] and not edge[j] and not cut_by_input:
             # a step of the input by itself larger than the tolerance restarts growth as well
-            cut_by_input = abs(u[j] - u[j - 1]) > tolerance
+            cut_by_input = abs(u[j] - u[j - 1]) > max(tolerance, 8.0 * noise)
         start[k] = i
         stop[k] = j
         k += 1

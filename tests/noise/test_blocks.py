@@ -199,3 +199,18 @@ def _timed(f):
     start = time.perf_counter()
     f()
     return time.perf_counter() - start
+
+
+def test_a_measured_position_that_scatters_in_steps_of_its_resolution_cuts_no_blocks():
+    """A hold of four minutes at 100 Hz: the range of its noise grows with the block, and single readings lie far out."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        t = np.arange(24_000) * 0.01
+        clean = 1.7e-3 * np.clip(t / 1.0, 0.0, 1.0)
+        measured = 1e-7 * np.round((clean + 3.1e-7 * rng.standard_normal(t.size)) / 1e-7)
+        blocks = log_blocks(t, measured, BlockSettings(input_share=1e-3))
+        late = t[blocks.start] > 20.0
+        assert np.all(blocks.count[late] > 100)
+        # the ramp is cut as finely as it was asked for
+        ramp = (t[blocks.start] < 0.9) & (t[blocks.start] > 0.1)
+        assert np.all(1.7e-3 * blocks.duration_s[ramp] < 3e-3 * 1.7e-3 + 2e-5)
