@@ -74,7 +74,7 @@ def held_out(
                 int(np.sum(~masked)),
                 _rms(r0),
                 _rms(r1),
-                after.noise.of(piece)[0],
+                _floor(after, piece),
                 e0,
                 e1,
                 math.isfinite(e0) and math.isfinite(e1),
@@ -84,6 +84,12 @@ def held_out(
             )
         )
     return out
+
+
+def _floor(fit: Fit, piece: Piece) -> float:
+    """RMSE of the right model: the noise, and the scatter of the position in the means that it is driven by."""
+    further = float(np.broadcast_to(piece.white_variance, piece.blocks.n).sum() / piece.blocks.count.sum())
+    return math.sqrt(fit.noise.of(piece)[0] ** 2 + further)
 
 
 def unanswered(proof: list[HeldOut], model: str) -> list[str]:

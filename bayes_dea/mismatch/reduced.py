@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+#: parts of a ramp by which its stiffness is read: share of the travel, blocks that it may last, fewest of them
+_RAMP_SHARE, _RAMP_BLOCKS, _RAMP_PAIRS = 0.03, 60, 5
+#: part of the scatter of a position that comes out as force, in sds: straight lines through means of blocks smooth it
+#: (variance 0.59 in one block) and join neighbours (1 in the mean of many); one white noise stands for both
+_SHOWN = 0.9
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -45,7 +51,7 @@ class Piece:
     y: Array = field(repr=False)  # (nb,)
     nuisance: Array = field(repr=False)  # (m, nb): offset and mains lines
     nuisance_sd: Array = field(repr=False)  # (m,)
-    white_variance: float = 0.0  # of a sample, beyond sigma: the scatter of the position in a force
+    white_variance: float | Array = 0.0  # of a sample, beyond sigma: the scatter of the position in a force; (nb,)
     nodes: Nodes | None = None  # of a voltage recording
     past: Nodes | None = None  # whose memory it inherits
     averaging: csr_matrix | None = field(repr=False, default=None)  # (nb, nodes)
@@ -92,6 +98,7 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
         blocks=blocks,
         y=piece.y[at],
         nuisance=piece.nuisance[:, at],
+        white_variance=np.broadcast_to(piece.white_variance, b.n)[at],
         averaging=None if piece.averaging is None else piece.averaging[at],
     )
 
@@ -183,6 +190,28 @@ def _position_gain(p: Prepared, position: Array, travel: float, accuracy: float 
     return modulus * x * x, (accuracy or 0.0) / np.sqrt(3.0) / travel
 
 
+def _stiffness(p: Prepared, position: Array, blocks: Blocks) -> Array:
+    """Change of force with position at the blocks (nb,) in N/m: what the scatter of a position is multiplied by.
+
+    Like that of an incompressible Hookean block, 1/(1 - e)^2: the same strain makes the same stress, on a growing area.
+    Its size is the median over the ramps in contact, unloading or loading, where the material has no time to relax.
+    """
+    masked = ~p.observed
+    x, force = block_means(position, blocks, masked), block_means(np.where(masked, 0.0, p.y), blocks, masked)
+    height = p.recording.actuator.stack_height_m
+    e = np.clip((x - position[0]) / height, -0.9, 0.9) if height else np.zeros(x.size)
+    travel, most = float(np.ptp(x)), float(np.max(np.abs(force)))
+    found = []
+    for i in range(x.size):
+        near = slice(i + 1, i + 1 + _RAMP_BLOCKS)
+        far = np.flatnonzero(np.abs(x[near] - x[i]) > _RAMP_SHARE * travel)
+        if far.size and min(abs(force[i]), abs(force[i + 1 + far[0]])) > 0.1 * most:
+            j = i + 1 + int(far[0])
+            found.append((force[j] - force[i]) / (x[j] - x[i]) * (1.0 - 0.5 * (e[i] + e[j])) ** 2)
+    at_rest = float(np.median(found)) if len(found) >= _RAMP_PAIRS else float(np.ptp(force)) / max(travel, 1e-9)
+    return np.asarray(_SHOWN * abs(at_rest) / (1.0 - e) ** 2)
+
+
 def _mechanical_piece(
     p: Prepared, group: int, rate: int, sd: Array, zero: int, accuracy_m: float | None = None
 ) -> Piece:
@@ -198,9 +227,7 @@ def _mechanical_piece(
         mask=masked & ~gap,
         kinks=find_kinks(raw),
     )
-    force = p.y[p.observed]
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
-    stiffness = float(np.quantile(force, 0.999) - np.quantile(force, 0.001)) / travel
     nuisance = p.nuisance().T
     scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
     if scale_sd > 0:
@@ -214,7 +241,7 @@ def _mechanical_piece(
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
         block_means(nuisance, blocks, masked),
         sd,
-        white_variance=(stiffness * input_noise(raw)) ** 2,
+        white_variance=(_stiffness(p, position, blocks) * input_noise(raw)) ** 2,
         position=position,
         zero=zero,
         contact=contact_of(p.recording),

@@ -2,7 +2,8 @@
 
 Without the effect a mode imitates it as well as it can: a lag of some milliseconds, or a time constant far below the
 sampling step, where it has no slope to come back by. So every mode is tried on a grid of time constants, the rest of
-the fit moved along linearly, and the fit is made again from the best point.
+the fit moved along linearly, and the fit is made again from the best point. Where one hypothesis has found a better
+place so, its rivals are begun from there too: none may fall behind because it did not look.
 """
 
 from __future__ import annotations
@@ -49,6 +50,21 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
             break
         fit = again
     return fit
+
+
+def begun_from(fit: Fit, other: Fit, prior: NoisePrior) -> Fit:
+    """The fit, or a better one with what both share (the base, its zeros and gains) begun from where another stands."""
+    mine, theirs = fit.problem.model, other.problem.model
+    q = fit.q.copy()
+    for i, name in enumerate(theirs.priors.names):
+        if name in mine.priors.names:
+            q[mine.priors.names.index(name)] = other.q[i]
+    q[mine.dimension :] = other.q[theirs.dimension :]
+    low, high = bounds(fit.problem)
+    low, high = low + 1e-9, high - 1e-9
+    end = descend(fit.problem, np.clip(q, low, high), prior.start(), low, high, 25, 0.05, None)
+    again = None if end is None else refit(fit.problem, end.q, prior.start(), prior)
+    return fit if again is None or again.objective > fit.objective - 0.5 else again
 
 
 def _starts(fit: Fit) -> list[tuple[Array, Array]]:

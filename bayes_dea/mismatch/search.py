@@ -17,7 +17,7 @@ from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
 from .refit import Fit
 from .relabel import FURTHER, in_place_of_one, within, without_stand_in
-from .relocate import relocated
+from .relocate import begun_from, relocated
 from .ridge import integrated
 from .slow_start import LIMITS, slow_start
 from .weigh import (
@@ -45,6 +45,8 @@ _RIVALS = 12.0
 _DOUBTFUL = 0.4
 #: how many of the leading ones are searched around
 _ESCAPES = 4
+#: nats by which the leading one has to have found a better place for others to begin there, and how many do
+_FOUND, _FOLLOWING = 5.0, 3
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -135,6 +137,7 @@ def refined(
         if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
             out[name], of[name] = w, s
     settled: set[str] = set()
+    before = {name: w.fit.objective for name, w in out.items()}
     for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
         leading = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)[:2]
         waiting = [n for n in leading if n not in settled]
@@ -146,6 +149,12 @@ def refined(
             found = escape(base, of[waiting[0]], improved(found, base, of[waiting[0]], elsewhere), prior)
         out[waiting[0]] = found
         settled.add(waiting[0])
+    refitted = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)
+    if refitted and out[refitted[0]].fit.objective < before[refitted[0]] - _FOUND:
+        for name in refitted[1 : 1 + _FOLLOWING]:
+            elsewhere = begun_from(out[name].fit, out[refitted[0]].fit, prior)
+            if elsewhere is not out[name].fit:
+                out[name] = improved(out[name], base, of[name], elsewhere)
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)

@@ -296,19 +296,24 @@ def _mean_terms(m, sigma, rho, white):
 
 @njit(cache=True)
 def _whiten(x, m, gap, sigma, rho, white, out):
+    """`_whiten_terms` with further white noise of one variance a sample."""
+    return _whiten_terms(x, gap, sigma, rho, _mean_terms(m, sigma, rho, white), out)
+
+
+@njit(cache=True)
+def _whiten_terms(x, gap, sigma, rho, terms, out):
     """Forward substitution with the exact Cholesky factor; returns the log-determinant of the covariance.
 
     State of the recursion, at the last row of the block before: f (one a column of x), the conditional
     mean of what remains correlated, and p, its variance under the factor.
     """
-    n = m.size
+    n = gap.size
     k = x.shape[0]
     f = np.zeros(k)
     p = 0.0
     var = sigma * sigma
     logdet = 0.0
     product = 1.0
-    terms = _mean_terms(m, sigma, rho, white)
     for i in range(n):
         u = terms[i, 0]
         a = terms[i, 1]
@@ -332,16 +337,15 @@ def _whiten(x, m, gap, sigma, rho, white, out):
 
 
 @njit(cache=True)
-def _loglik(x, m, gap, sigma, rho, white):
-    """As `_whiten` for one column: log determinant plus sum of squares, without storing."""
+def _loglik(x, gap, sigma, rho, terms):
+    """As `_whiten_terms` for one column: log determinant plus sum of squares, without storing."""
     var = sigma * sigma
     f = 0.0
     p = 0.0
     logdet = 0.0
     squares = 0.0
     product = 1.0
-    terms = _mean_terms(m, sigma, rho, white)
-    for i in range(m.size):
+    for i in range(gap.size):
         u = terms[i, 0]
         a = terms[i, 1]
         through = terms[i, 2]
@@ -364,7 +368,7 @@ def _loglik(x, m, gap, sigma, rho, white):
 
 
 def block_loglik(residual_means: ArrayLike, counts: ArrayLike, sigma: float, rho: float = 0.0,
-                 gaps: ArrayLike | None = None, white_variance: float = 0.0) -> float:
+                 gaps: ArrayLike | None = None, white_variance: ArrayLike = 0.0) -> float:
     """Exact log density of block means of AR(1) noise, all correlations kept.
 
     Parameters
@@ -372,43 +376,51 @@ def block_loglik(residual_means: ArrayLike, counts: ArrayLike, sigma: float, rho
     residual_means : data minus simulation, block means, shape (n,).
     counts, gaps : of the blocks, shape (n,); see `Blocks`. No gaps: the blocks touch.
     sigma, rho : marginal sd and lag-one correlation of the AR(1) noise.
-    white_variance : of further white noise a sample (quantisation: q^2/12).
+    white_variance : of further white noise a sample (quantisation: q^2/12), of all blocks or of each (n,).
 
     Masked rows count as if the rows beside them touched, which is exact where nothing is masked. Returns
     -inf outside sigma > 0, |rho| < 1.
     """
-    if not (sigma > 0 and abs(rho) < 1 and white_variance >= 0):
+    if not (sigma > 0 and abs(rho) < 1 and np.all(np.asarray(white_variance) >= 0)):
         return -math.inf
     m = np.ascontiguousarray(counts, dtype=np.int64)
     x = np.ascontiguousarray(residual_means, dtype=np.float64)
-    value = _loglik(x, m, _gaps(gaps, m.size), float(sigma), float(rho), float(white_variance))
+    value = _loglik(x, _gaps(gaps, m.size), float(sigma), float(rho), _terms(m, sigma, rho, white_variance))
     return -0.5 * (value + m.size * math.log(2 * math.pi))
 
 
 def block_whiten(columns: ArrayLike, counts: ArrayLike, sigma: float, rho: float = 0.0,
-                 gaps: ArrayLike | None = None, white_variance: float = 0.0) -> tuple[Array, float]:
+                 gaps: ArrayLike | None = None, white_variance: ArrayLike = 0.0) -> tuple[Array, float]:
     """Whitened columns L^-1 x and log det of the covariance L L^T of the block means.
 
     columns: shape (n,) or (k, n), each a column of block means (residuals, simulation, ones, Jacobian):
-    what is linear, offset and gain, is integrated out in these coordinates. Returns the same shape.
+    what is linear, offset and gain, is integrated out in these coordinates. Returns the same shape. white_variance: see
+    `block_loglik`.
 
     Raises
     ------
     ValueError : sigma <= 0, |rho| >= 1 or white_variance < 0.
     """
     _check_noise(sigma, rho)
-    if not white_variance >= 0:
-        raise ValueError(f"white_variance must be >= 0, got {white_variance}")
+    if not np.all(np.asarray(white_variance) >= 0):
+        raise ValueError(f"white_variance must be >= 0, got {white_variance!r}")
     x = np.asarray(columns, dtype=np.float64)
     flat = np.ascontiguousarray(x.reshape(-1, x.shape[-1]))
     m = np.ascontiguousarray(counts, dtype=np.int64)
     out = np.empty_like(flat)
-    logdet = _whiten(flat, m, _gaps(gaps, m.size), float(sigma), float(rho), float(white_variance), out)
+    terms = _terms(m, sigma, rho, white_variance)
+    logdet = _whiten_terms(flat, _gaps(gaps, m.size), float(sigma), float(rho), terms, out)
     return out.reshape(x.shape), float(logdet)
 
 
 def _gaps(gaps: ArrayLike | None, n: int) -> NDArray[np.int64]:
     return np.ones(n, dtype=np.int64) if gaps is None else np.ascontiguousarray(gaps, dtype=np.int64)
+
+
+def _terms(m: NDArray[np.int64], sigma: float, rho: float, white_variance: ArrayLike) -> Array:
+    terms = np.asarray(_mean_terms(m, float(sigma), float(rho), 0.0))
+    terms[:, 1] += np.asarray(white_variance, dtype=np.float64) / m
+    return terms
 
 
 def _check_noise(sigma: float, rho: float) -> None:

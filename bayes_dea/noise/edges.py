@@ -11,6 +11,10 @@ from bayes_dea.campaign.scratch import BLOCK, computed, kept, numbered, pieces
 Array = NDArray[np.float64]
 
 
+#: part of the quartile of second differences below which a difference is rounding, and a grid without effect
+_NO_GRID = 0.01
+
+
 def dense(x: Array) -> tuple[Array, NDArray[np.int64] | None]:
     """The finite cells of a column (n,), and their rows; None where all are finite."""
     good = computed(np.isfinite, x, dtype=np.bool_)
@@ -29,8 +33,19 @@ def input_noise(u: ArrayLike) -> float:
     if x.size < 8:
         return 0.0
     # a piece of second differences needs two rows more
-    (low,) = quantiles(lambda: (np.abs(np.diff(x[p.start:p.stop + 2], n=2)) for p in pieces(x.size - 2, BLOCK)), [0.25])
+    parts = [slice(p.start, p.stop + 2) for p in pieces(x.size - 2, BLOCK)]
+    (low,) = quantiles(lambda: (np.abs(np.diff(x[p], n=2)) for p in parts), [0.25])
+    if low > 0.0:
+        # on the grid of a resolution the quartile jumps from step to step: every value is spread over its own
+        sizes = (np.abs(np.diff(x[p], n=2)) for p in parts)
+        grid = min(float(np.min(d[d > _NO_GRID * low], initial=low)) for d in sizes)
+        (low,) = quantiles(lambda: (np.abs(np.diff(x[p], n=2) + grid * _spread(p)) for p in parts), [0.25])
     return float(low / (0.3186393639643752 * np.sqrt(6.0)))
+
+
+def _spread(p: slice) -> Array:
+    """Even numbers in (-1/2, 1/2), one for every second difference of a piece: multiples of the golden ratio."""
+    return np.asarray((np.arange(p.start, p.stop - 2) * 0.6180339887498949) % 1.0 - 0.5)
 
 
 def find_edges(u: ArrayLike, share: float = 0.02, contrast: float = 4.0, reach: int = 4) -> NDArray[np.int64]:

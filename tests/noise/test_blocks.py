@@ -202,7 +202,7 @@ def _timed(f):
 
 
 def test_a_measured_position_that_scatters_in_steps_of_its_resolution_cuts_no_blocks():
-    """A hold of four minutes at 100 Hz: the range of its noise grows with the block, and single readings lie far out."""
+    """A hold of four minutes at 100 Hz: the range of noise grows with the block, and single readings lie far out."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
         t = np.arange(24_000) * 0.01
