@@ -220,6 +220,7 @@ def _once(
                 spoiled=seen.spoiled if last else None,
                 established=("sensor_clipping",) if limit is not None else (),
                 memory=memory,
+                unseen=[p for p in seen.pieces if not p.identify],
             )
             if found is not None:
                 break

@@ -20,11 +20,12 @@ from .features import Features
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
 from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
+from .reduced import Piece
 from .refit import Fit
 from .search import Report, beside, frames_of, on_grids, refined, second_thoughts, typical
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
-from .weigh import Frame, Screened, Weighed
+from .weigh import Frame, Screened, Weighed, size_elsewhere
 
 Array = NDArray[np.float64]
 
@@ -90,8 +91,12 @@ def name_physics(
     spoiled: Callable[[Fit], bool] | None = None,
     established: Sequence[str] = (),
     memory: dict[str, Screened] | None = None,
+    unseen: Sequence[Piece] = (),
 ) -> Naming | None:
     """Weigh all hypotheses on the recordings to identify.
+
+    unseen: recordings to validate, of which the commands alone are used: an effect is as large as on the recording of
+    the campaign that it moves most (CONTRACT 1).
 
     spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
     to be made clean first, and None is returned.
@@ -122,8 +127,12 @@ def name_physics(
     def left(done: float, of: float, text: str) -> None:
         say("checking what is left", done, of, text)
 
+    elsewhere = [p for p in unseen if p.channel == "displacement"]
+
     def enough(w: Weighed) -> bool:
-        return w.size_m >= resolution_m
+        if w.size_m >= resolution_m or w.fit is base or not elsewhere:
+            return w.size_m >= resolution_m
+        return size_elsewhere(base, w.fit, elsewhere) >= resolution_m
 
     singles = max(len(names), 1)
 

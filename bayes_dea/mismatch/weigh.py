@@ -22,6 +22,7 @@ from ..models.model import Model
 from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
+from .reduced import Piece
 from .refit import Fit, bounds, descend, inverse, prior_derivatives, refit
 from .resonance import look_for_resonances
 from .whitening import Whitened, whiten
@@ -476,11 +477,24 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
 
 def effect_size(base: Fit, fit: Fit) -> float:
     """Largest RMS in m over voltage recordings of the difference between two fits, offsets removed; N by 13 kN/m."""
+    return _largest(base, fit, base.clean, fit.clean)
+
+
+def size_elsewhere(base: Fit, fit: Fit, pieces: Sequence[Piece]) -> float:
+    """The same over other voltage recordings, of which the commands alone are needed and no reading."""
+    plain, corrected = (replace(f, problem=replace(f.problem, pieces=tuple(pieces))) for f in (base, fit))
+    before, after = plain.problem.clean(plain.q), corrected.problem.clean(corrected.q)
+    if not all(np.isfinite(x).all() for x in (*before, *after)):
+        return 0.0
+    return _largest(plain, corrected, before, after)
+
+
+def _largest(base: Fit, fit: Fit, plain: Sequence[Array], changed: Sequence[Array]) -> float:
     worst = 0.0
-    for i, piece in enumerate(fit.problem.pieces):
+    for piece, x0, x1 in zip(fit.problem.pieces, plain, changed, strict=True):
         _, g0 = base.problem.beside(base.q)
         _, g1 = fit.problem.beside(fit.q)
-        x = (1 + g1[piece.group]) * fit.clean[i] - (1 + g0[piece.group]) * base.clean[i]
+        x = (1 + g1[piece.group]) * x1 - (1 + g0[piece.group]) * x0
         w = piece.blocks.count / piece.blocks.count.sum()
         x = x - w @ x
         rms = math.sqrt(float(w @ x**2))

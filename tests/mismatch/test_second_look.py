@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import second_look
@@ -61,3 +62,14 @@ def test_a_mechanical_recording_to_validate_has_its_own_position_of_contact():
     assert result.contradiction is None
     row = next(h for h in result.summary["proof"]["held_out"] if h["recording"] == "relaxation.csv")
     assert row["rmse_after_N"] < 1.05 * row["noise_N"]
+
+
+def test_an_effect_is_as_large_as_on_the_recording_that_it_moves_most():
+    """A resistance that two creeps show on a few readings, over each of them less than a step of the resolution."""
+    c = concealed({"series_resistance": {"R_s_ohm": 9.2e3}}, scale=0.6)
+    result = diagnose(with_roles(c, {r.name for r in c.recordings if not r.name.startswith("creep")}), "hooke+gm3")
+    assert result.verdict == "series_resistance"
+    assert result.naming.weighed["series_resistance"].size_m < 0.15e-6
+    found = result.summary["hypotheses"][0]["parameters"]["R_s_ohm"]
+    assert abs(found["mean"] - 9.2e3) < 3.0 * found["sd"]
+    assert found["sd"] < 1e3
