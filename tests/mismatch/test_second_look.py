@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import second_look
