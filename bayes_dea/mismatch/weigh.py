@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 HOPELESS = 300.0
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
+#: how well the frequency that a mass rings at is known from its stiffness
+_MIRROR = (0.94, 0.97, 1.0, 1.03, 1.06)
 #: points a parameter of the grid over prior quantiles, by the number of parameters
 _POINTS = {0: (), 1: (13,), 2: (7, 4), 3: (5, 3, 2), 4: (4, 3, 2, 2)}
 #: span (in logarithms) of a second parameter that two points are enough for
@@ -403,7 +405,10 @@ def _kept(fit: Fit, model: Model) -> Kept:
 
 
 def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> Weighed:
-    """Out of local maxima along the effect's own coordinates: a delay has one at every sampling step."""
+    """Out of local maxima along the effect's own coordinates.
+
+    A delay has one at every sampling step, a resonance one on either side of half the sampling rate.
+    """
     fit = found.fit
     index = own_index(base, fit.problem.model)
     added = [name for name in fit.problem.model.spec.effects if name not in base.problem.model.spec.effects]
@@ -413,18 +418,23 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
         frame = Frame(fit)
         here = frame.value(fit.clean)[0]
         best: tuple[float, Array] | None = None
+        looks: list[tuple[Array, list[int]]] = []
         for i in index:
             for share in _LOOKS:
                 q = fit.q.copy()
-                q[i] = np.clip(q[i] + share * widths[i], low[i] + 1e-9, high[i] - 1e-9)
-                own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
-                tried = frame.tried(fit.problem, q, added) if np.isfinite(own_prior) else None
-                if tried is None:
-                    continue
-                value, move = tried[0], tried[1].copy()
-                move[i] = 0.0
-                if value - own_prior < here - 2.0 and (best is None or value - own_prior < best[0]):
-                    best = (value - own_prior, q + move)
+                q[i] = q[i] + share * widths[i]
+                looks.append((q, [int(i)]))
+        looks += [(q, [int(i) for i in index]) for q in _mirrored(fit, index)]
+        for q, own in looks:
+            q[own] = np.clip(q[own], low[own] + 1e-9, high[own] - 1e-9)
+            own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
+            tried = frame.tried(fit.problem, q, added) if np.isfinite(own_prior) else None
+            if tried is None:
+                continue
+            value, move = tried[0], tried[1].copy()
+            move[own] = 0.0
+            if value - own_prior < here - 2.0 and (best is None or value - own_prior < best[0]):
+                best = (value - own_prior, q + move)
         if best is None:
             break
         again = refit(fit.problem, best[1], fit.noise, prior)
@@ -432,6 +442,31 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
             break
         fit = again
     return found if fit is found.fit else improved(found, base, screened, fit)
+
+
+def _mirrored(fit: Fit, index: NDArray[np.int64]) -> list[Array]:
+    """Coordinates with a resonance on the other side of half the sampling rate, where its readings look the same.
+
+    It rings at its frequency times the root of the stiffness with all branches over that without; the decay a second,
+    frequency times damping ratio, stays.
+    """
+    if not _rings(fit.problem.model, index):
+        return []
+    values = fit.values()
+    stiff = values.get("Y_Pa", 0.0)
+    glassy = sum(v for k, v in values.items() if k.startswith("k_") and k.endswith("_Pa"))
+    faster = math.sqrt(1.0 + glassy / stiff) if stiff > 0.0 else 1.0
+    frequency, damping = np.exp(fit.q[index])
+    rates = {round(1.0 / p.prepared.step_s, 3) for p in fit.problem.pieces if p.channel == "displacement"}
+    out = []
+    for rate in sorted(rates):
+        for share in _MIRROR:
+            other = abs(rate - faster * share * frequency) / (faster * share)
+            if other > 0.0:
+                q = fit.q.copy()
+                q[index] = np.log([other, damping * frequency / other])
+                out.append(q)
+    return out
 
 
 def improved(found: Weighed, base: Fit, screened: Screened, fit: Fit) -> Weighed:
