@@ -255,6 +255,21 @@ def test_every_law_has_a_posterior_and_gent_has_a_limit(statics: Section) -> Non
     assert all(e.agrees is None and e.why_not for k, e in rows.items() if k.startswith("Ogden") and "posterior" in k)
 
 
+@pytest.mark.parametrize("settled", [True, False])
+def test_a_posterior_gives_values_where_its_draws_arrived_and_nowhere_else(settled: bool) -> None:
+    fits, beliefs = {}, {}
+    for name in static.LAWS:
+        row, names = PAPER.static[name], law(name).parameter_names
+        values = dict(zip(names, row.used, strict=True))
+        sds = {k: 0.01 * abs(v) for k, v in values.items()}
+        fits[name] = static.LawFit(name, tuple(row.used), 0.999, 1e3)
+        beliefs[name] = static.LawPosterior(
+            name, values, sds, {k: (v - sds[k], v + sds[k]) for k, v in values.items()}, 0.0, "draws", settled, 0.5)
+    found = [e for e in static._parameter_entries(PAPER, fits, beliefs) if "posterior" in e.entry]
+    assert len(found) == sum(len(law(name).parameter_names) for name in static.LAWS)
+    assert all((e.ours is not None) == (e.ours_sd is not None) == settled for e in found)
+
+
 def test_a_held_out_cycle_tells_laws_apart_only_where_they_differ() -> None:
     rng = np.random.default_rng(3)
     short, long = (foretell_third(PAPER, end, rng, 20.0) for end in (0.03, 0.2))

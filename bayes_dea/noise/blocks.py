@@ -99,8 +99,8 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
         alone[np.maximum(np.asarray(at) - k, 0)] = True
     spread = float(finite.max() - finite.min()) if finite.size else 0.0
     tolerance = s.input_share * spread if spread > 0 else math.inf
-    # what the scatter of a measured input does must not cut blocks; resolution hides a fifth of it from the estimate
-    noise = 1.25 * input_noise(finite) if spread > 0 else 0.0
+    # what the scatter of a measured input does must not cut blocks
+    noise = input_noise(finite) if spread > 0 else 0.0
     step = median(differences(t, good)) if finite.size > 1 else 1.0
     start, stop = _cut(t, v, good, edge, alone, tolerance, noise, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
                        s.single_after_edge, step)
