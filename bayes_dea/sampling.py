@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from .branches import find_branches
 from .emulation import Emulation, emulate
 from .errors import InputError, NotConvergedWarning
 from .find_map import MapResult, laplace_covariance
@@ -172,22 +173,29 @@ def _same(x: NDArray) -> NDArray:
 
 
 def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:
-    """Start of the ensembles (e, w, d): normal around the MAP, each ensemble widened differently."""
+    """Start of the ensembles (e, w, d): normal around the maxima, each ensemble widened differently."""
     d = posterior.dimension
     walkers = max(s.walkers, 3 * d + (3 * d) % 2)
-    covariance = laplace_covariance(found, posterior, rng)
-    factor = np.linalg.cholesky(covariance + 1e-14 * np.diag(np.diag(covariance)))
+    branches = find_branches(posterior, found, rng)
+    covariances = [laplace_covariance(b, posterior, rng) for b in branches]
+    factors = np.array([np.linalg.cholesky(c + 1e-14 * np.diag(np.diag(c))) for c in covariances])
+    centres = np.array([b.x for b in branches])
+    mass = np.array([b.log_posterior for b in branches]) + np.log(np.einsum("bii->bi", factors)).sum(axis=1)
+    # the Laplace evidence of a branch that is hardly seen is rough: each of them gets a fair share
+    share = 0.5 * np.exp(mass - np.max(mass)) / np.exp(mass - np.max(mass)).sum() + 0.5 / len(branches)
     # where the maximum is a kink the covariance is no guide: a walker far below would stay in a lesser mode for good
     least = found.log_posterior - 10.0 - 3.0 * d
     out = np.empty((s.ensembles, walkers, d))
     for e in range(s.ensembles):
         width = 1.2 if e % 2 == 0 else 0.8
+        which = rng.choice(len(branches), size=walkers, p=share)
         good = np.zeros(walkers, bool)
         for _ in range(60):
             need = np.flatnonzero(~good)
             if not need.size:
                 break
-            out[e, need] = found.x + width * rng.standard_normal((need.size, d)) @ factor.T
+            away = np.einsum("nij,nj->ni", factors[which[need]], rng.standard_normal((need.size, d)))
+            out[e, need] = centres[which[need]] + width * away
             good[need] = posterior.log_prob(out[e, need]) > least
             width *= 0.9
     return out
