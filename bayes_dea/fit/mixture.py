@@ -16,6 +16,11 @@ from bayes_dea.errors import InputError
 Array = NDArray[np.float64]
 
 
+#: least variance of a component, of that of all draws: curved valleys and branches are a thousand times narrower than
+#: what holds them all, and draws of a component wider than they are would miss them
+_FLOOR = 1e-6
+
+
 @dataclass(frozen=True)
 class Mixture:
     """weights (k,), means (k, d), roots (k, d, d): lower Cholesky factors of the covariances."""
@@ -131,7 +136,7 @@ def _parts(x, weights, means, roots, out):
             out[i, j] = height - 0.5 * total
 
 
-def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = 1e-3) -> Mixture:
+def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = _FLOOR) -> Mixture:
     n, d = z.shape
     centres = [int(rng.integers(n))]
     for _ in range(k - 1):
