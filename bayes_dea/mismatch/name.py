@@ -22,7 +22,7 @@ from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit
-from .search import Report, beside, frames_of, on_grids, refined, second_thoughts, typical
+from .search import Report, beside, frames_of, in_place_of_the_first, on_grids, refined, second_thoughts, typical
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
 from .weigh import Frame, Screened, Weighed, size_elsewhere
@@ -170,6 +170,12 @@ def name_physics(
         more = beside(best.weighed, model, names, prior, given, say, rng)
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
+        if more and len(best.weighed.effects) == 1:
+            swapped = in_place_of_the_first(
+                best.weighed, more, [w for w in weighed.values() if enough(w)], model, prior, given, say, rng
+            )
+            weighed.update({w.name: w for w in swapped})
+            more += [w for w in swapped if enough(w)]
         if not more:
             break
         top = max(more, key=lambda w: w.log_evidence)

@@ -47,6 +47,8 @@ _DOUBTFUL = 0.4
 _ESCAPES = 4
 #: nats by which the leading one has to have found a better place for others to begin there, and how many do
 _FOUND, _FOLLOWING = 5.0, 3
+#: nats behind the leading one within which a single effect may be the first of a pair in its place, and how many
+_ALIKE, _PARTNERS = 30.0, 3
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -240,3 +242,28 @@ def beside(
         if s is not None:
             found.append(s)
     return list((refined(best.fit, found, prior, say, 1, rng) or {}).values())
+
+
+def in_place_of_the_first(
+    first: Weighed, pairs: list[Weighed], weighed: list[Weighed], model: Model, prior: NoisePrior,
+    overrides: Mapping[str, object], say: Report, rng: np.random.Generator,
+) -> list[Weighed]:
+    """Pairs whose first effect is one that alone did as well as `first`, beside what does best beside that.
+
+    Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
+    without its rivals. pairs: `first` with each second effect; weighed: all that were weighed, single ones among them.
+    """
+    alike = [
+        w for w in weighed
+        if len(w.effects) == 1 and w.effects != first.effects and w.log_evidence > first.log_evidence - _ALIKE
+    ]
+    top = max(w.log_evidence for w in pairs)
+    seconds = [
+        next(n for n in w.effects if n not in first.effects)
+        for w in sorted(pairs, key=lambda w: -w.log_evidence)[:_PARTNERS]
+        if w.log_evidence > top - _RIVALS
+    ]
+    out: list[Weighed] = []
+    for other in sorted(alike, key=lambda w: -w.log_evidence)[:_PARTNERS]:
+        out += beside(other, model, [n for n in seconds if n not in other.effects], prior, overrides, say, rng)
+    return out

@@ -1,0 +1,33 @@
+"""Pairs whose first effect is one that nothing tells from the first that led."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_dea.mismatch import search
+
+
+@dataclass(frozen=True)
+class Stub:
+    effects: tuple[str, ...]
+    log_evidence: float
+
+
+def test_what_does_as_well_alone_is_tried_beside_the_best_second_effects(monkeypatch):
+    asked = []
+
+    def beside(best, model, names, prior, overrides, say, rng):
+        asked.append((best.effects, list(names)))
+        return [Stub((*best.effects, n), best.log_evidence) for n in names]
+
+    monkeypatch.setattr(search, "beside", beside)
+    lag = Stub(("sensor_lag",), 100.0)
+    singles = [lag, Stub(("parallel_damper",), 99.9), Stub(("inertia",), 20.0), Stub(("leakage",), 85.0)]
+    pairs = [Stub(("thickness_feedback", "sensor_lag"), 500.0), Stub(("sensor_lag", "sensor_nonlinearity"), 495.0),
+             Stub(("sensor_lag", "leakage"), 300.0)]
+    out = search.in_place_of_the_first(lag, pairs, [*singles, *pairs], None, None, {}, None, np.random.default_rng(0))
+    assert asked == [
+        (("parallel_damper",), ["thickness_feedback", "sensor_nonlinearity"]),
+        (("leakage",), ["thickness_feedback", "sensor_nonlinearity"]),
+    ]
+    assert len(out) == 4
