@@ -18,7 +18,7 @@ Row = dict[str, Any]
 BINS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-12)
 #: edges of sizes, in resolution steps
 STEPS = (1.0, 2.0, 5.0, 12.0, 30.0, 80.0, 1e9)
-#: nats by which an effect has to change the recordings to be called one that they can name
+#: nats by which the truth has to lead every rival to be called something that the recordings can name
 NAMEABLE_NATS = 340.0
 
 
@@ -89,6 +89,15 @@ def rate(rows: Sequence[Row], what: Callable[[Row], bool]) -> Rate:
 def nats(row: Row) -> float:
     """By how much what was concealed changes the recordings, after the refit of everything else."""
     return float(row["sizes"].get("all", {}).get("nats", 0.0))
+
+
+def nameable(row: Row) -> bool:
+    """The true equations explain the recordings better than every rival by so much that they can name the effect.
+
+    Rows of studies without that figure: by how much it changes them, which counts pairs that nothing tells apart, too.
+    """
+    lead = row.get("lead")
+    return bool((nats(row) if lead is None else lead) >= NAMEABLE_NATS)
 
 
 def steps(row: Row) -> float:
@@ -169,8 +178,11 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     """Everything that the page shows."""
     done = finished(rows)
     by = {g: [r for r in done if group(r) == g] for g in ("none", "single", "pair", "unknown")}
-    strong = [r for r in by["single"] + by["pair"] if nats(r) >= NAMEABLE_NATS]
-    named = [r for r in by["single"] + by["pair"] if hit(r) and r["proof"].get("rmse_after_m") is not None]
+    acting = by["single"] + by["pair"]
+    strong = [r for r in acting if nameable(r)]
+    # seen for certain, but something else explains them as well, or nearly
+    alike = [r for r in acting if not nameable(r) and _detected(r) and r["verdict"] != "unknown"]
+    named = [r for r in acting if hit(r) and r["proof"].get("rmse_after_m") is not None]
     judged = strong + by["none"] + by["unknown"]
     seconds = sorted(float(r["seconds"]) for r in done)
     return {
@@ -179,6 +191,8 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
                    for g, v in by.items()},
         "nameable": {"nats": NAMEABLE_NATS, "right": rate(strong, hit).json(), "in_set": rate(strong, in_set).json(),
                      "largest_set": max((len(r["set"]) for r in strong), default=0)},
+        "alike": {"in_set": rate(alike, in_set).json(), "largest_set": max((len(r["set"]) for r in alike), default=0),
+                  "claimed_with_more_than_0.8": rate(alike, lambda r: r["confidence"] > 0.8).json()},
         "false_alarms": rate(by["none"], _detected).json(),
         "unknown_named": rate(by["unknown"], lambda r: r["verdict"] not in ("unknown", "none")).json(),
         "brier": brier(judged), "brier_raw": brier(judged, "raw"), "brier_all": brier(done),

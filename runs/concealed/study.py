@@ -57,6 +57,8 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
     import warnings
 
     warnings.simplefilter("ignore")
+    from lead import lead_of
+
     from bayes_dea.bench.concealed import draw_case
     from bayes_dea.mismatch.diagnosis import diagnose
 
@@ -87,6 +89,7 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
             "proof": {k: s["proof"].get(k) for k in ("rmse_before_m", "rmse_after_m", "noise_m", "elpd_gain")},
             "noise": result.base.noise.sigma,
             "mechanical": any(p.channel == "force" for p in result.base.problem.pieces),
+            "lead": lead_of(case, campaign, result),
         }
     except Exception as error:  # a campaign that fails is a finding: it is kept and counted
         row |= {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc(limit=-4)}

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,6 +50,33 @@ def test_counts_of_rows_whose_answer_is_known():
     assert s["coverage"]["all"] == scores.Rate(1, 1).json()
     assert s["brier_all"] == pytest.approx(np.mean([0.01**2, 0.7**2, 0.1**2, 0.6**2, 0.01**2, 0.2**2, 0.9**2]))
     assert {t["truth"]: t["verdicts"] for t in s["confusion"]}["sensor_lag"] == {"none": 1}
+
+
+def test_what_a_rival_explains_as_well_cannot_be_named():
+    """A truth 400 nats ahead, one behind what equals it and called by its name, one level and in the set."""
+    rows = [
+        row(1, "leakage", "leakage", 0.9) | {"lead": 400.0},
+        row(2, "parallel_damper", "sensor_lag", 0.9) | {"lead": -0.1},
+        row(3, "sensor_lag", "parallel_damper", 0.5, ["parallel_damper", "sensor_lag"]) | {"lead": 0.0},
+    ]
+    s = scores.scores(rows)
+    assert s["nameable"]["right"] == scores.Rate(1, 1).json()
+    assert s["alike"]["in_set"] == scores.Rate(1, 2).json()
+    assert s["alike"]["claimed_with_more_than_0.8"] == scores.Rate(1, 2).json()
+    assert s["alike"]["largest_set"] == 2
+
+
+def test_by_how_much_the_truth_leads(monkeypatch):
+    import lead
+
+    monkeypatch.setattr(lead, "_from_the_truth", lambda *_: 130.0)
+    found = SimpleNamespace(naming=SimpleNamespace(log_evidence={
+        "none": 10.0, "unknown": 500.0, "sensor_lag": 120.0, "parallel_damper": 125.0, "sensor_lag+leakage": 131.0,
+    }))  # fmt: skip
+    case = SimpleNamespace(truth="sensor_lag", effects={"sensor_lag": {}})
+    # what holds the truth and more is no rival, nor is unknown; the truth counts from where it fits best
+    assert lead.lead_of(case, None, found) == 5.0
+    assert lead.lead_of(SimpleNamespace(truth="none", effects={}), None, found) is None
 
 
 def test_intervals_of_a_share_are_exact():

@@ -1,0 +1,50 @@
+"""By how much the true equations lead every rival, in one campaign of the study.
+
+What recordings can name is what no rival comes near: it does not matter how much an effect changes them but how much
+better the truth explains them than the best of everything else. The truth is fitted from its true values, so that a
+search that missed it does not count as recordings that cannot tell.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def lead_of(case: Any, campaign: Any, result: Any) -> float | None:
+    """Nats of log evidence by which the truth leads the best rival that was weighed ("none" is one of them).
+
+    Hypotheses that hold the truth and more are no rivals. None where nothing, or nothing on the list, is concealed, or
+    where the true values cannot be fitted.
+    """
+    truth = set(case.truth.split("+"))
+    if truth & {"none", "unknown"} or set(case.effects) != truth:
+        return None
+    weighed = {k: v for k, v in result.naming.log_evidence.items() if k != "unknown"}
+    own = [v for k, v in weighed.items() if set(k.split("+")) == truth]
+    fitted = _from_the_truth(case, campaign, result)
+    own += [] if fitted is None else [fitted]
+    rivals = [v for k, v in weighed.items() if not truth <= set(k.split("+"))]
+    return max(own) - max(rivals) if own and rivals else None
+
+
+def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
+    """Laplace's log evidence of the true model, fitted from the true values."""
+    from bayes_dea.mismatch.hypotheses import effect_priors, extended
+    from bayes_dea.mismatch.noise_prior import noise_prior
+    from bayes_dea.mismatch.refit import refit
+
+    base = result.base
+    names = case.truth.split("+")
+    model = extended(base.problem.model, names, effect_priors(names, campaign))
+    if model is None:
+        return None
+    true = {p.name: np.array([case.parameters.get(p.name, np.nan)]) for p in model.parameters}
+    if not all(np.isfinite(v[0]) for v in true.values()):
+        return None
+    z = model.from_prior_coordinates(model.priors.to_coordinates(true))[0]
+    q = np.concatenate([z, base.q[base.problem.model.dimension :]])
+    prior = noise_prior(result.assembled)
+    fit = refit(base.problem.with_model(model), q, prior.start(), prior)
+    return None if fit is None or not np.isfinite(fit.log_evidence) else float(fit.log_evidence)
