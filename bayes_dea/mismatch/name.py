@@ -22,6 +22,7 @@ from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit
+from .relabel import FURTHER, labellings
 from .search import Report, beside, frames_of, in_place_of_the_first, on_grids, refined, second_thoughts, typical
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
@@ -31,6 +32,8 @@ Array = NDArray[np.float64]
 
 #: an effect could be seen where its likelihood varies by so many nats over its grid
 _VISIBLE = 5.0
+#: probability from which on it matters which of its modes a hypothesis calls the further one
+_WORTH_LABELLING = 0.01
 #: nats by which a fit from elsewhere has to beat the one that was weighed
 _CLEARLY = 10.0
 
@@ -61,6 +64,7 @@ class Naming:
     probability: dict[str, float]
     log_weight: dict[str, float]  # log evidence and log prior, not normalised
     skipped: dict[str, str] = field(default_factory=dict)
+    labellings: dict[str, list[Fit]] = field(default_factory=dict)  # where modes may change places (`relabel`)
     visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
 
 
@@ -208,7 +212,12 @@ def name_physics(
     total = float(logsumexp(list(log_p.values())))
     probability = {k: math.exp(v - total) for k, v in log_p.items()}
     probability = _with_adequacy(probability, best)
-    return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, visible)
+    labelled = {
+        w.name: labellings(w, prior)
+        for w in weighed.values()
+        if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
+    }
+    return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, labelled, visible)
 
 
 def weigh_delay(

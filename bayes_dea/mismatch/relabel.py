@@ -7,6 +7,8 @@ the effect that brought it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..models.model import Model
@@ -18,6 +20,8 @@ from .weigh import Weighed, effect_size
 FURTHER = "extra_relaxation_mode"
 #: sampling steps below which a mode is none that a recording shows as such
 _FAST_STEPS = 3.0
+#: by how much (log) a refit may move the time constant of an exchanged mode
+_SAME_TIME = 1.0
 
 
 def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
@@ -49,6 +53,33 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
         return None
     others = tuple(n for n in found.effects if n != FURTHER)
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
+
+
+def labellings(found: Weighed, prior: NoisePrior) -> list[Fit]:
+    """The same explanation with each of the base's modes in turn as the further one, the found labelling first.
+
+    Which of the modes is "the further one" no recording says; the priors of the time constants do, weakly. Networks in
+    which they are exchangeable only (gm); without a further mode the fit alone.
+    """
+    model, spec = found.fit.problem.model, found.fit.problem.model.spec
+    out = [found.fit]
+    if FURTHER not in found.effects or spec.network != "gm":
+        return out
+    low, high = bounds(found.fit.problem)
+    values = found.fit.values()
+    if not {"k_x_Pa", "tau_x_s"} <= set(model.priors.names):
+        return out
+    for i in range(1, spec.elements + 1):
+        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1) if j != i]
+        named = values | {"tau_x_s": values[f"tau_{i}_s"], "k_x_Pa": values[f"k_{i}_Pa"]}
+        start = with_modes(found.fit, model, named, [*kept, (values["tau_x_s"], values["k_x_Pa"])])
+        if not np.isfinite(start).all():
+            continue
+        fit = refit(found.fit.problem, np.clip(start, low + 1e-9, high - 1e-9), prior.start(), prior)
+        # an exchange changes no answer: what ends elsewhere is another explanation
+        if fit is not None and abs(math.log(fit.values()["tau_x_s"] / named["tau_x_s"])) < _SAME_TIME:
+            out.append(fit)
+    return out
 
 
 def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:

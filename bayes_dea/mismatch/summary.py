@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..assemble import Assembled
 from ..campaign.schema import Campaign
 from ..models.model import Model
+from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
 from .features import Features
@@ -23,6 +26,8 @@ from .refit import Fit
 from .reread import Rereading
 from .verdict import Fact, silent
 from .words import silent_note, statement
+
+Array = NDArray[np.float64]
 
 
 def summarise(
@@ -55,7 +60,9 @@ def summarise(
             "parameters": {},
         }
         if physics[name] in naming.weighed:
-            entry["parameters"] = own_parameters(naming.weighed[physics[name]].fit, model)
+            entry["parameters"] = own_parameters(
+                naming.labellings.get(physics[name], [naming.weighed[physics[name]].fit]), model
+            )
         for fact in facts:
             if fact.name in name.split("+"):
                 entry["parameters"] |= fact.parameters
@@ -156,29 +163,31 @@ def say_clipped(mismatch: dict[str, Any], limit: Limit, pieces: tuple[Piece, ...
     mismatch["where"] = [*rows, *mismatch["where"]]
 
 
-def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:
-    """Posterior of the parameters that effects add, in physical units, from the Laplace approximation."""
+def own_parameters(fits: Sequence[Fit], model: Model) -> dict[str, dict[str, Any]]:
+    """Posterior of the parameters that effects add, in physical units, from the Laplace approximation.
+
+    fits: the maximum, and others of the same explanation that differ in which mode is called what; each counts by its
+    evidence. "map" is of the likeliest.
+    """
     known = set(model.priors.names)
-    m = fit.problem.model
-    cov = fit.covariance
+    m = fits[0].problem.model
+    share = np.exp(np.array([f.log_evidence for f in fits]) - max(f.log_evidence for f in fits))
+    best = fits[int(np.argmax(share))]
     out = {}
     for i, parameter in enumerate(m.priors.free):
         if parameter.name in known:
             continue
-        centre, sd = float(fit.q[i]), math.sqrt(max(float(cov[i, i]), 0.0))
-        x = centre + sd * np.linspace(-4, 4, 161)
-        weight = np.exp(-0.5 * np.linspace(-4, 4, 161) ** 2)
         prior = parameter.prior
-        if prior.family in ("uniform", "loguniform"):
-            low, high = (math.log(prior.a), math.log(prior.b)) if prior.is_log else (prior.a, prior.b)
-            weight = np.where((x >= low) & (x <= high), weight, 0.0)
-        if weight.sum() <= 0:
-            weight = np.ones_like(weight)
-        weight = weight / weight.sum()
+        parts = [_normal(float(f.q[i]), math.sqrt(max(float(f.covariance[i, i]), 0.0)), prior) for f in fits]
+        x = np.concatenate([p[0] for p in parts])
+        weight = np.concatenate([w * p[1] for w, p in zip(share / share.sum(), parts, strict=True)])
+        order = np.argsort(x, kind="stable")
+        x, weight = x[order], weight[order]
         value = np.exp(np.clip(x, -300.0, 300.0)) if prior.is_log else x
-        mean = float(weight @ value)
+        mean, centre = float(weight @ value), float(best.q[i])
         cdf = np.cumsum(weight) - 0.5 * weight
         q05, q50, q95 = (float(np.interp(p, cdf, value)) for p in (0.05, 0.5, 0.95))
+        spread = float(weight @ (x - float(weight @ x)) ** 2) if len(fits) > 1 else float(fits[0].covariance[i, i])
         prior_sd = prior.coordinate_sd()
         out[parameter.name] = {
             "mean": mean,
@@ -188,9 +197,20 @@ def own_parameters(fit: Fit, model: Model) -> dict[str, dict[str, Any]]:
             "q95": q95,
             "unit": parameter.unit,
             "map": float(math.exp(centre) if prior.is_log else centre),
-            "contraction": max(0.0, 1.0 - (sd / prior_sd) ** 2) if prior_sd > 0 else None,
+            "contraction": max(0.0, 1.0 - max(spread, 0.0) / prior_sd**2) if prior_sd > 0 else None,
         }
     return out
+
+
+def _normal(centre: float, sd: float, prior: Prior) -> tuple[Array, Array]:
+    """Places (161,) of a normal density and their weights, none outside what the prior allows."""
+    u = np.linspace(-4, 4, 161)
+    x, weight = centre + sd * u, np.exp(-0.5 * u**2)
+    if prior.family in ("uniform", "loguniform"):
+        low, high = (math.log(prior.a), math.log(prior.b)) if prior.is_log else (prior.a, prior.b)
+        inside = np.where((x >= low) & (x <= high), weight, 0.0)
+        weight = inside if inside.sum() > 0 else weight
+    return x, weight / weight.sum()
 
 
 def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from concealed_campaigns import concealed
 
+from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import in_place_of_one, within, without_stand_in
+from bayes_dea.mismatch.relabel import in_place_of_one, labellings, within, without_stand_in
 from bayes_dea.mismatch.weigh import Weighed
 
 
@@ -72,3 +74,22 @@ def test_an_effect_that_is_not_needed_is_left_out_again(diagnosed):
     assert alone.name == "series_resistance"
     assert alone.fit.objective == pytest.approx(right.objective, abs=0.5)
     assert alone.size_m > 1e-6
+
+
+def test_the_interval_of_a_further_mode_holds_every_mode_that_it_may_be():
+    """A base with one mode, and two in the answer: which of them is the further one, only weak priors say."""
+    result = diagnose(concealed(), "hooke+gm1", seed=1)
+    assert result.verdict == "extra_relaxation_mode"
+    right = result.corrected
+    fits = labellings(Weighed((result.verdict,), right, right.log_evidence, 0.1, 1e-6), noise_prior(result.assembled))
+    assert len(fits) == 2
+    for f in fits:  # both give the same answer
+        for a, b in zip(f.clean, right.clean, strict=True):
+            assert np.max(np.abs(a - b)) < 0.05 * right.noise.sigma["displacement"]
+    assert fits[1].values()["tau_x_s"] == pytest.approx(right.values()["tau_1_s"], rel=0.02)
+    assert fits[1].values()["tau_1_s"] == pytest.approx(right.values()["tau_x_s"], rel=0.02)
+    share = 1.0 / (1.0 + np.exp(fits[0].log_evidence - fits[1].log_evidence))
+    assert 0.06 < share < 0.94  # or one of the two would be outside of an interval of 90 %
+    said = result.summary["hypotheses"][0]["parameters"]["tau_x_s"]
+    for f in fits:
+        assert said["q05"] < f.values()["tau_x_s"] < said["q95"]
