@@ -16,7 +16,7 @@ NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_de
 #: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
 #: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)
 VARIANTS: dict[str, dict[str, Prior]] = {
-    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e6, 1e12)},
+    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e5, 1e12)},
 }
 
 

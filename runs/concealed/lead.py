@@ -31,13 +31,20 @@ def lead_of(case: Any, campaign: Any, result: Any) -> float | None:
 
 def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     """Laplace's log evidence of the true model, fitted from the true values."""
-    from bayes_dea.mismatch.hypotheses import effect_priors, extended
+    from bayes_dea.mismatch.hypotheses import VARIANTS, effect_priors, extended
     from bayes_dea.mismatch.noise_prior import noise_prior
     from bayes_dea.mismatch.refit import refit
 
     base = result.base
     names = case.truth.split("+")
-    model = extended(base.problem.model, names, effect_priors(names, campaign))
+    # a law that stands still unless asked for (a leak that the field activates) acts where the truth has it
+    laws = {
+        parameter: prior
+        for n in names
+        for parameter, prior in VARIANTS.get(n, {}).items()
+        if case.parameters.get(parameter)
+    }
+    model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws})
     if model is None:
         return None
     true = {p.name: np.array([case.parameters.get(p.name, np.nan)]) for p in model.parameters}
