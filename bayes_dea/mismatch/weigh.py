@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 
 from ..models.model import Model
 from .journal import digest
+from .leak_starts import highest_field, leak_points
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
 from .reduced import Piece
@@ -276,7 +277,9 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
             here.append(Scored(value - own_prior, value, own, move, frame))
             return here[-1]
 
-        for k, own in enumerate([*weighing, *finding_points(model, index, own_fit.values(), sparse)]):
+        finding = finding_points(model, index, own_fit.values(), sparse)
+        finding += leak_points(model, index, highest_field(problem.pieces), sparse)
+        for k, own in enumerate([*weighing, *finding]):
             point = score(own)
             if point is not None and frame is frames[0] and k < len(weighing):
                 main.append(-point.likelihood)

@@ -1,0 +1,37 @@
+"""A leak that the field activates, found by what it takes at the highest field."""
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.hypotheses import VARIANTS
+from bayes_dea.mismatch.leak_starts import highest_field, leak_points
+from bayes_dea.models.model import build_model
+
+
+def test_points_take_the_shares_of_the_voltage_that_they_are_meant_to():
+    model = build_model("hooke+gm3+leakage", VARIANTS["leakage"])
+    names = [p.name for p in model.priors.free]
+    index = np.array([names.index(n) for n in ("R_leak_ohm", "R_s_ohm", "E_0_V_per_m")])
+    field = 4.8e7
+    points = leak_points(model, index, field)
+    leak, series, activation = np.exp(np.array(points)).T
+    ratio = series / (leak * np.exp(-np.sqrt(field / activation)))
+    assert sorted({round(float(r), 6) for r in ratio}) == [0.003, 0.01, 0.03, 0.1, 0.3, 1.0]
+    assert len(points) == 36
+    assert len(leak_points(model, index, field, sparse=True)) == 8
+    assert leak_points(model, index[:2], field) == []  # the plain leak has a grid of its own
+    assert leak_points(model, index, 0.0) == []
+
+
+def test_a_leak_far_below_its_resistance_at_no_field_is_found():
+    """0.6 Mohm at no field, 27 kohm at 1,200 V behind 9.4 kohm: nowhere near a point of the grid of quantiles."""
+    true = {"R_leak_ohm": 6e5, "R_s_ohm": 9.4e3, "E_0_V_per_m": 5e6}
+    result = diagnose(concealed({"leakage": true}), "hooke+gm3", seed=1)
+    assert highest_field(result.base.problem.pieces) == pytest.approx(1200 / 25e-6, rel=0.01)
+    assert result.verdict == "leakage"
+    found = result.summary["hypotheses"][0]["parameters"]
+    at = {k: found[k]["map"] for k in true}
+    taken = [p["R_s_ohm"] / (p["R_leak_ohm"] * np.exp(-np.sqrt(4.8e7 / p["E_0_V_per_m"]))) for p in (at, true)]
+    assert taken[0] == pytest.approx(taken[1], rel=0.1)
