@@ -676,13 +676,15 @@ def _parted(model: Model, start: NDArray) -> NDArray:
 def _from_linear(model: Model, linear: Model, z: NDArray) -> NDArray:
     """Start of a nonlinear law from its linearisation: network kept, shape at the prior's centre."""
     model = replace(model, plain=False)
-    center = model.prior_draws(2000, np.random.default_rng(0)).mean(axis=0)
+    middle = model.priors.draw(2000, np.random.default_rng(0)).mean(axis=0)
+    primary, factor = PRIMARY[model.spec.law or "hooke"]
+    for i, p in enumerate(model.priors.free):
+        if p.name == primary:
+            middle[i] = p.prior.to_coordinate(float(linear.physical(z[None])["Y_Pa"][0]) / factor)
+    center = model.from_prior_coordinates(middle[None])[0]
     for i, name in enumerate(model.coordinate_names):
         if name in linear.coordinate_names:
             center[i] = z[linear.coordinate_names.index(name)]
-    if model.spec.network == "none":
-        primary, factor = PRIMARY[model.spec.law or "hooke"]
-        center[model.priors.names.index(primary)] = z[0] - np.log(factor)
     return center
 
 

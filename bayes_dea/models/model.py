@@ -2,7 +2,11 @@
 
 Physical parameters carry the priors and are reported. Inference runs in log compliances of the equivalent modes
 (`networks`), the slowest mode by its rate c_1/T_1: there a mode slower than the record is one nearly free direction
-instead of a curved ridge. Both sets of logarithms differ by a Jacobian of one.
+instead of a curved ridge. Of a static law they hold the modulus at small strain, which the recordings fix. The
+logarithms of modulus and branches and those of modes differ by a Jacobian of one. Where the modulus is a sum of terms
+(Mooney-Rivlin, Ogden), what the recordings see of the law takes the place of its parameters, with a Jacobian
+(`modulus`). A law whose modulus is not positive, which would snap at rest, has no coordinates: its share of the prior
+counts as parameters without an answer.
 """
 
 from __future__ import annotations
@@ -17,21 +21,14 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..priors import Parameter, Prior, PriorSet, apply_overrides, prior_folder, read_prior_file
 from .effects import registered_effects
+from .modulus import PRIMARY, LawCoordinates
 from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
 from .spec import Spec, parse_spec
 
-#: the law's parameter that carries its small-strain modulus, and the modulus per unit of it
-#: (Ogden: 1.5 alpha1, at the median of the exponent's prior)
-PRIMARY = {
-    "hooke": ("Y_Pa", 1.0),
-    "neohooke": ("C1_Pa", 6.0),
-    "yeoh": ("C1_Pa", 6.0),
-    "mooney": ("C1_Pa", 6.0),
-    "gent": ("mu_Pa", 3.0),
-    "ogden": ("mu1_Pa", 7.5),
-}
 #: sample time that the discrete state space is stated for (s), as in the reference paper's Table SVIII
 STATE_SPACE_STEP_S = 0.01
+#: times that prior draws of laws that snap at rest are drawn again
+_MOST_REDRAWS = 200
 
 
 @dataclass(frozen=True)
@@ -114,7 +111,16 @@ class Model:
                 names[i] = name
         elif self._process_coordinates:
             names[self.priors.names.index("Tz_s")] = "log Kp Tz/Tp_1"
+        if self._law is not None and self._law.is_sum:
+            modes = self._mode_coordinates
+            names = [n if modes and i == self._law.column else self._law.names().get(i, n) for i, n in enumerate(names)]
         return tuple(names)
+
+    @cached_property
+    def _law(self) -> LawCoordinates | None:
+        """What is seen of the static law; None where its parameters themselves are the coordinates."""
+        law = None if self.plain else LawCoordinates.of(self.spec.law, self.parameters)
+        return law if law is not None and (law.is_sum or self._mode_coordinates) else None
 
     @cached_property
     def _process_coordinates(self) -> bool:
@@ -130,7 +136,7 @@ class Model:
             v = z[:, self._network_index]
             n = self.spec.elements
             network = self.spec.network
-            factor = PRIMARY[self.spec.law or "hooke"][1]
+            assert self._law is not None
             # unordered or absurd modes have no counterpart: the caller sees -inf through the NaN
             if network == "gkm":
                 log_c, log_T = v[:, : n + 1].copy(), v[:, n + 1 :]
@@ -144,7 +150,7 @@ class Model:
             good &= np.all(np.abs(v) < 200, axis=1)
             result = np.full_like(v, np.nan)
             if network == "gkv":
-                result[:, 0] = -v[:, 0] - np.log(factor)
+                result[:, 0] = -v[:, 0]
                 result[:, 1 : n + 1] = -log_c
                 result[:, n + 1 :] = log_T
                 result[~good] = np.nan
@@ -152,33 +158,33 @@ class Model:
                 Y, k, tau, d0 = modes_to_maxwell(
                     np.ascontiguousarray(D[good]), np.exp(log_c[good]), np.exp(log_T[good])
                 )
-                parts = [np.log(Y / factor)[:, None], np.log(k), np.log(tau)]
+                parts = [np.log(Y)[:, None], np.log(k), np.log(tau)]
                 if network == "gkm":
                     parts.append(np.log(d0)[:, None])
                 result[good] = np.concatenate(parts, axis=1)
             out[:, self._network_index] = result
-            return out
+            return self._law.prior(out)
         if self._process_coordinates:
             names = self.priors.names
             out = z.copy()
             out[:, names.index("Tz_s")] += z[:, names.index("Tp_1_s")] - z[:, names.index("Kp")]
             return out
-        return z
+        return z if self._law is None else self._law.prior(z)
 
     def from_prior_coordinates(self, x: NDArray) -> NDArray:
-        """The inverse of `to_prior_coordinates`."""
+        """The inverse of `to_prior_coordinates`; nan where the law is not stiff at rest."""
         x = np.atleast_2d(x)
         if self._mode_coordinates:
-            out = x.copy()
-            v = x[:, self._network_index]
+            assert self._law is not None
+            out = self._law.seen(x)
+            v = out[:, self._network_index]
             n = self.spec.elements
-            factor = PRIMARY[self.spec.law or "hooke"][1]
             if self.spec.network == "gkv":
-                log_D, log_c, log_T = -v[:, 0] - np.log(factor), -v[:, 1 : n + 1], v[:, n + 1 :]
+                log_D, log_c, log_T = -v[:, 0], -v[:, 1 : n + 1], v[:, n + 1 :]
             else:
                 d0 = np.exp(v[:, -1]) if self.spec.network == "gkm" else np.zeros(len(v))
                 D, c, T = maxwell_to_modes(
-                    np.exp(v[:, 0]) * factor, np.exp(v[:, 1 : n + 1]), np.exp(v[:, n + 1 : 2 * n + 1]), d0
+                    np.exp(v[:, 0]), np.exp(v[:, 1 : n + 1]), np.exp(v[:, n + 1 : 2 * n + 1]), d0
                 )
                 with np.errstate(divide="ignore"):
                     log_D, log_c, log_T = np.log(D), np.log(c), np.log(T)
@@ -192,21 +198,41 @@ class Model:
             out = x.copy()
             out[:, names.index("Tz_s")] += x[:, names.index("Kp")] - x[:, names.index("Tp_1_s")]
             return out
-        return x
+        return x if self._law is None else self._law.seen(x)
 
     def log_prior(self, z: NDArray) -> NDArray:
-        """Log prior density per unit of the inference coordinates, (B, d) -> (B,)."""
+        """Log prior density per unit of the inference coordinates, (B, d) -> (B,).
+
+        For Mooney-Rivlin and Ogden its integral is the prior mass of laws that are stiff at rest (0.985 and 0.93).
+        """
         x = self.to_prior_coordinates(z)
         bad = ~np.all(np.isfinite(x), axis=1)
         if bad.any():
             x = np.where(bad[:, None], 0.0, x)
         value = self.priors.logpdf(x)
+        if self._law is not None and self._law.is_sum:
+            value = value + self._law.log_jacobian(x)
+            bad |= ~np.isfinite(value)
         value[bad] = -np.inf
         return value
 
     def prior_draws(self, n: int, rng: np.random.Generator) -> NDArray:
-        """Prior draws in inference coordinates (n, d)."""
-        return self.from_prior_coordinates(self.priors.draw(n, rng))
+        """Prior draws in inference coordinates (n, d), of laws that are stiff at rest.
+
+        Raises InputError where the priors leave next to none.
+        """
+        z = self.from_prior_coordinates(self.priors.draw(n, rng))
+        if self._law is None or not self._law.is_sum:
+            return z
+        for _ in range(_MOST_REDRAWS):
+            lost = np.flatnonzero(~np.isfinite(z).all(axis=1))
+            if not lost.size:
+                return z
+            z[lost] = self.from_prior_coordinates(self.priors.draw(lost.size, rng))
+        raise InputError(
+            f"{self.name}: next to none of the laws that its priors allow is stiff at rest (modulus at small strain "
+            "above zero); give priors under which the terms add up to more than nothing"
+        )
 
     def physical(self, z: NDArray) -> dict[str, NDArray]:
         """Inference coordinates (B, d) to named physical values (B,), fixed ones included."""
