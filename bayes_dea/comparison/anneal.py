@@ -28,8 +28,10 @@ LogProb = Callable[[Array], Array]
 class AnnealSettings:
     """populations, particles: of each; keep: share of the effective size that a step of t leaves; moves: at each step.
 
-    good_se: standard error (nats) of the log ratio that counts as settled. enough_below: where the first two both find
-    less than this, and agree to some nats, there are no more: what is far behind need not be known to a tenth.
+    most_stages: of a population; one that at the pace of its last `patience` stages would not arrive in as many gives
+    up, and so do all where the first one does. good_se: standard error (nats) of the log ratio that counts as settled.
+    enough_below: where the first two both find less than this, and agree to some nats, there are no more: what is far
+    behind need not be known to a tenth.
     """
 
     populations: int = 4
@@ -38,8 +40,13 @@ class AnnealSettings:
     moves: int = 16
     last_moves: int = 48
     most_stages: int = 120
+    patience: int = 20
     good_se: float = 0.2
     enough_below: float = -np.inf
+
+
+#: for densities of which every value is a simulation
+QUICK = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16)
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,8 @@ def anneal(
         if np.isfinite(ratio):
             ratios.append(ratio)
             draws.append((ratio, x))
+        elif not ratios:
+            break
         if len(ratios) == 2 and max(ratios) < s.enough_below and abs(ratios[0] - ratios[1]) < _AGREE:
             break
     if not ratios:
@@ -97,6 +106,7 @@ def _population(
     a, b = _quiet(log_a, x), _quiet(log_b, x)
     t, total, count = 0.0, 0.0, n
     scale, straight = 1.0, Straight.of(x)
+    path = [0.0]
     for _ in range(s.most_stages):
         step = _step(b - a, t, s.keep)
         if not np.isfinite(b).any():
@@ -108,6 +118,9 @@ def _population(
         index = np.minimum(np.searchsorted(np.cumsum(p), (rng.random() + np.arange(n)) / n), n - 1)
         x, a, b = x[index], a[index], b[index]
         done = t >= 1.0 - 1e-12
+        path.append(t)
+        if not done and _hopeless(path, s):
+            return float("nan"), x, count
         for k in range(s.last_moves if done else s.moves):
             # straight lines between particles leave a curved valley: made straight, they follow it
             if k % 8 == 0:
@@ -119,6 +132,14 @@ def _population(
         if done:
             return total, rng.permutation(x), count
     return float("nan"), x, count
+
+
+def _hopeless(path: list[float], s: AnnealSettings) -> bool:
+    """Whether t would not be one after all stages, however the steps grow: by the same factor as in the last ones."""
+    if len(path) <= s.patience + 1:
+        return False
+    growth = np.log(path[-1] / path[-1 - s.patience]) / s.patience
+    return bool(growth * (s.most_stages + 1 - len(path)) < -np.log(path[-1]))
 
 
 def stirred(log_b: LogProb, x: Array, rng: np.random.Generator, particles: int = 400, moves: int = 30) -> Array:
@@ -160,7 +181,7 @@ def _step(difference: Array, t: float, keep: float) -> float:
             low = middle
         else:
             high = middle
-    return max(low, 1e-6 * left)
+    return max(low, 1e-12 * left)
 
 
 def _move(

@@ -31,6 +31,9 @@ LogProb = Callable[[Array], Array]
 _FIRST = ((0.6, 1.0), (0.3, 1.8), (0.1, 4.0))
 #: Pareto k in straightened coordinates that is enough when two rounds agree
 _GOOD_TAIL = 0.6
+#: how many times as many draws are made where the weights of a round are nearly good enough, up to this Pareto k and
+#: standard error
+_MANY, _NEARLY_K, _NEARLY_SE = 4, 0.8, 0.4
 #: nats by which draws in straightened coordinates fall short where these do not suit
 _FAR_SHORT = 3.0
 #: 84 % quantile of Student's t with three degrees of freedom
@@ -39,23 +42,28 @@ FEW_POPULATIONS = 1.2
 
 @dataclass(frozen=True)
 class IntegralSettings:
-    """draws: of a proposal, or per_dimension a dimension where that is more; rounds: proposals at most.
+    """draws: of a proposal, or per_dimension a dimension where that is more; rounds: proposals at most, and more: with
+    _MANY times as many draws where weights are nearly good enough, which costs less than any last resort;
+    nearly_rounds: of straightening where that was not enough.
 
     good_k, good_se: Pareto k and standard error that are enough when two proposals in turn agree; first_k: without
     that; bad_k: above it, weights are not used.
     last_resort: what is done where importance draws do not do: anneal, bridge, or none (what there is, marked as
-    unsettled). bridge_steps: of the sampler at most. enough_below: log value below which an annealed integral need
-    not be known well.
+    unsettled), and anneal: how. bridge_steps: of the sampler at most. enough_below: log value below which an annealed
+    integral need not be known well.
     """
 
     draws: int = 1500
     per_dimension: int = 60
     rounds: int = 4
+    more: int = 2
+    nearly_rounds: int = 4
     good_k: float = 0.5
     first_k: float = 0.3
     good_se: float = 0.05
     bad_k: float = 0.55
     last_resort: str = "anneal"
+    anneal: AnnealSettings = AnnealSettings()
     bridge_steps: int = 6000
     enough_below: float = -np.inf
 
@@ -93,10 +101,15 @@ def integrate(
     best: Integral | None = None
     before = float("nan")
     evaluations = 0
-    for round_ in range(s.rounds):
+    most = s.rounds if s.last_resort == "none" else s.rounds + s.more
+    for round_ in range(most):
+        if round_ == s.rounds:
+            if best is None or best.pareto_k > _NEARLY_K or best.se > _NEARLY_SE:
+                break
+            n = _MANY * n
         draws = g.draw(n, rng)
         target, reference = _quiet(log_prob, draws), g.log_density(draws)
-        evaluations += n
+        evaluations += len(draws)
         found = _weighed(draws, target, reference, g, rng, evaluations)
         if found is not None and (best is None or merit(found) < merit(best)):
             best = found
@@ -106,7 +119,7 @@ def integrate(
             if found.pareto_k < (s.good_k if stands else s.first_k):
                 return found
         before = found.log_value if found is not None else float("nan")
-        if round_ + 1 < s.rounds:
+        if round_ + 1 < most:
             g = _refitted(draws, target - reference, g, rng)
     stands = best is not None and abs(best.log_value - before) < max(0.1, 4 * best.se)
     if best is not None and stands and best.pareto_k < s.bad_k and best.se < 4 * s.good_se:
@@ -114,13 +127,15 @@ def integrate(
     if s.last_resort == "none":
         return nothing(x, g, evaluations) if best is None else replace(best, converged=False)
     if best is not None and len(np.unique(best.draws, axis=0)) > 10 * d:
-        found = straightened(log_prob, best.draws, rng, s, evaluations, known=best.log_value)
+        # where the weights were nearly good enough a valley is not what makes them heavy
+        rounds = s.nearly_rounds if best.pareto_k < _NEARLY_K and best.se < _NEARLY_SE else 4
+        found = straightened(log_prob, best.draws, rng, s, evaluations, rounds, known=best.log_value)
         if settled(found):
             return replace(found, converged=True)
         best, evaluations = min(best, found, key=merit), found.evaluations
     if s.last_resort == "anneal":
         wide = widened(proposal or normal_mixture(x, covariance), best)
-        far = anneal(wide.draw, wide.log_density, log_prob, rng, AnnealSettings(enough_below=s.enough_below))
+        far = anneal(wide.draw, wide.log_density, log_prob, rng, replace(s.anneal, enough_below=s.enough_below))
         if np.isfinite(far.log_ratio):
             evaluations += far.evaluations
             checked = _checked(log_prob, far, rng, s, evaluations)
@@ -131,7 +146,11 @@ def integrate(
             return Integral(far.log_ratio, honest_se(far, checked), far.draws, wide, "annealed", checked.pareto_k,
                             stands, checked.evaluations)
     start = best.draws if best is not None else x + 0.1 * (normal_mixture(x, covariance).draw(n, rng) - x)
-    return bridged(log_prob, start, best.proposal if best is not None else g, rng, s, evaluations)
+    found = bridged(log_prob, start, best.proposal if best is not None else g, rng, s, evaluations)
+    if np.isfinite(found.log_value):
+        return found
+    return nothing(x, g, found.evaluations) if best is None else replace(
+        best, converged=False, evaluations=found.evaluations)
 
 
 def straightened(
@@ -344,11 +363,16 @@ def bridged(
     settings: IntegralSettings | None = None,
     evaluations: int = 0,
 ) -> Integral:
-    """The integral by emcee (two ensembles that begin at draws `around`, widened) and bridge sampling."""
+    """The integral by emcee (two ensembles that begin at draws `around`, widened) and bridge sampling.
+
+    Where there are too few distinct draws to begin from, as resampling a few heavy weights leaves them, draws of the
+    proposal join them. nan and not converged where nothing to begin from can be found.
+    """
     s = settings or IntegralSettings()
     d = around.shape[1]
     walkers = max(32, 3 * d + (3 * d) % 2)
     start = np.empty((2, walkers, d))
+    around = _spanning(log_prob, around, proposal, 2 * walkers, rng)
     centre = around.mean(axis=0)
     for e, width in enumerate((1.2, 0.8)):
         chosen = around[rng.choice(len(around), walkers, replace=len(around) < walkers)]
@@ -357,7 +381,10 @@ def bridged(
         start[e] = np.where(good[:, None], wide, chosen)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        run = sample(log_prob, start, EnsembleSettings(max_steps=s.bridge_steps), rng, proposal=proposal)
+        try:
+            run = sample(log_prob, start, EnsembleSettings(max_steps=s.bridge_steps), rng, proposal=proposal)
+        except InputError:
+            return replace(nothing(around[0], proposal, evaluations), draws=around, method="bridge")
     flat = run.flat()
     kept = flat[np.linspace(0, len(flat) - 1, min(len(flat), 3000)).astype(int)]
     total = evaluations + run.evaluations
@@ -366,6 +393,17 @@ def bridged(
     except InputError:
         return Integral(float("nan"), float("nan"), kept, proposal, "bridge", float("nan"), False, total)
     return Integral(value, se, kept, proposal, "bridge", float("nan"), run.converged, total)
+
+
+def _spanning(log_prob: LogProb, around: Array, proposal: Mixture, least: int, rng: np.random.Generator) -> Array:
+    """Draws (n, d) themselves, or where too few of them differ, with draws of the proposal that have a density."""
+    distinct = np.unique(around, axis=0)
+    if len(distinct) >= least:
+        return around
+    others = proposal.draw(4 * least, rng)
+    value = _quiet(log_prob, others)
+    best = np.argsort(-value)[: np.count_nonzero(np.isfinite(value))]
+    return np.concatenate([distinct, others[best[: least - len(distinct)]]])
 
 
 def log_mean(values: Array) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import zero_prior
+from ..errors import InputError
 from ..find_map import MapResult, laplace_covariance
 from ..fit.mixture import Mixture, fit_mixture, joined
 from ..fit.polish import NewtonSettings, polish_newton
@@ -24,7 +25,7 @@ from ..likelihood.linear_group import LinearGroup
 from ..likelihood.plant_group import PlantGroup
 from ..likelihood.posterior import Posterior
 from ..likelihood.prepare import Prepared
-from .anneal import AnnealSettings, anneal
+from .anneal import QUICK, anneal
 from .climb import climb, first_difference_covariance
 from .common import Restricted, group_log_likelihood, restricted
 from .fit_one import Fitted, residual_at
@@ -53,7 +54,7 @@ _FEW = IntegralSettings(
 )
 _GOOD_SE = 0.2
 #: what single populations scatter by on average: three that happen to agree are no better (nats)
-_QUICK, _LEAST_SE = AnnealSettings(populations=3, particles=400, moves=8, last_moves=16), 0.15
+_LEAST_SE = 0.15
 
 
 @dataclass(frozen=True)
@@ -178,14 +179,17 @@ class _Scoring:
             found = straightened(density, pool, rng, self.settings, rounds=3 if posterior.model.is_linear else 2)
             if settled(found, 0.5):
                 return self._scored(p, sign, found.log_value, found.se, "integrated", float(found.pareto_k))
-        g = fit_mixture(pool, rng, (1, 2, 4, 8))
         prior = normal_mixture(anywhere.mean(axis=0), np.cov(anywhere.T))
-        wide = Mixture(
-            np.concatenate([0.5 * g.weights, 0.3 * g.weights, 0.15 * g.weights, 0.05 * prior.weights]),
-            np.concatenate([g.means, g.means, g.means, prior.means]),
-            np.concatenate([1.2 * g.roots, 2.5 * g.roots, 6.0 * g.roots, prior.roots]),
-        )  # fmt: skip
-        far = anneal(wide.draw, wide.log_density, density, rng, _QUICK)
+        try:
+            g = fit_mixture(pool, rng, (1, 2, 4, 8))
+            wide = Mixture(
+                np.concatenate([0.5 * g.weights, 0.3 * g.weights, 0.15 * g.weights, 0.05 * prior.weights]),
+                np.concatenate([g.means, g.means, g.means, prior.means]),
+                np.concatenate([1.2 * g.roots, 2.5 * g.roots, 6.0 * g.roots, prior.roots]),
+            )  # fmt: skip
+        except InputError:  # too few draws that differ
+            wide = prior
+        far = anneal(wide.draw, wide.log_density, density, rng, QUICK)
         if np.isfinite(far.log_ratio) or found is None:
             se = FEW_POPULATIONS * far.se if found is None else honest_se(far, found)
             se = max(se, _LEAST_SE)

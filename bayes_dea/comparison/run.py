@@ -19,6 +19,7 @@ from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
 from ..run_state import checkpoint_for
 from .align import aligned
+from .anneal import QUICK
 from .common import CommonData, check_same_likelihood, common_data
 from .fit_one import Fitted, Say, fit_one, linear_partner, residual_at, simulated_fit
 from .integrate import Integral, IntegralSettings, bridged, integrate
@@ -287,8 +288,10 @@ def _fit(model: Model, data: CommonData, seed: int, starts: dict[str, Fitted], s
 
 
 def integral_settings(model: Model, s: ComparisonSettings) -> IntegralSettings:
-    """More draws where they cost next to nothing."""
-    return replace(s.integral, draws=2 * s.integral.draws) if model.is_linear else s.integral
+    """More draws where they cost next to nothing, shorter annealing where every one is a simulation."""
+    if model.is_linear:
+        return replace(s.integral, draws=2 * s.integral.draws)
+    return replace(s.integral, anneal=QUICK, nearly_rounds=2)
 
 
 def _bridge_the_near(

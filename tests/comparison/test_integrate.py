@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayes_dea.comparison.anneal import AnnealSettings, anneal
-from bayes_dea.comparison.integrate import IntegralSettings, integrate, normal_mixture, straightened
+from bayes_dea.comparison.integrate import IntegralSettings, bridged, integrate, normal_mixture, straightened
 from bayes_dea.comparison.widths import scaled_prior
 from bayes_dea.priors import Prior
 
@@ -136,3 +136,58 @@ def test_what_is_far_behind_is_left_with_a_larger_error():
     assert not runs[0].settled
     for found in runs:
         assert abs(found.log_ratio + 40.0) < max(4 * found.se, 0.3)
+
+
+def test_a_bridge_from_a_handful_of_distinct_draws():
+    """Resampling a few heavy weights leaves copies of them: walkers there would lie in a subspace."""
+    density = multivariate_normal(np.zeros(6), np.eye(6))
+    around = np.repeat(density.rvs(3, random_state=0), 500, axis=0)
+    found = bridged(lambda x: np.atleast_1d(density.logpdf(x)), around, normal_mixture(np.zeros(6), 2.0 * np.eye(6)),
+                    np.random.default_rng(0))
+    assert found.converged
+    assert abs(found.log_value) < max(0.1, 4 * found.se)
+
+
+def shell(x):
+    """A thin shell in ten dimensions, far from where it is looked for."""
+    return -0.5 * ((np.linalg.norm(x, axis=1) - 1.0) / 1e-6) ** 2
+
+
+@pytest.mark.parametrize("resort", ["anneal", "bridge"])
+def test_what_no_way_leads_to_is_said_and_costs_no_more_than_it_should(resort):
+    few = AnnealSettings(populations=4, particles=60, moves=1, last_moves=1, most_stages=60, patience=8)
+    s = IntegralSettings(draws=200, per_dimension=1, last_resort=resort, anneal=few, bridge_steps=100)
+    start = np.zeros(10)
+    start[0] = 1.0
+    found = integrate(shell, start, 1e-3 * np.eye(10), np.random.default_rng(0), s)
+    assert not found.converged
+    assert found.evaluations < 150_000
+
+
+def test_no_draws_to_begin_a_bridge_from_end_in_no_value():
+    found = bridged(lambda x: np.full(len(x), -np.inf), np.zeros((50, 3)), normal_mixture(np.zeros(3), np.eye(3)),
+                    np.random.default_rng(0))
+    assert not found.converged
+    assert not np.isfinite(found.log_value)
+
+
+def test_populations_that_would_not_arrive_give_up():
+    """At the pace of the last stages one would not be reached: the first population ends, and with it all."""
+    calls = []
+
+    def narrow(x):
+        calls.append(len(x))
+        return -0.5 * np.sum((x / 1e-4) ** 2, axis=1)
+
+    wide = normal_mixture(np.zeros(4), np.eye(4))
+    given_up, whole = [], []
+    for keep, into in ((0.99, given_up), (0.5, whole)):
+        calls.clear()
+        s = AnnealSettings(particles=200, moves=4, last_moves=4, keep=keep)
+        found = anneal(wide.draw, wide.log_density, narrow, np.random.default_rng(0), s)
+        into += [found, sum(calls) / 200]
+    assert not np.isfinite(given_up[0].log_ratio)
+    assert not given_up[0].settled
+    assert given_up[1] < 4 * (s.patience + 5)
+    assert np.isfinite(whole[0].log_ratio)
+    assert abs(whole[0].log_ratio + 4 * np.log(1e4 / np.sqrt(2 * np.pi))) < 2.0
