@@ -33,6 +33,8 @@ from .prepare import Prepared, RateClasses
 
 #: beyond, the variance of a sample given the one before is lost to rounding
 _LARGEST_RHO = 1 - 1e-9
+#: times the largest reading (and the noise) from which on a prediction is no answer
+_ABSURD = 1e3
 
 
 @dataclass(frozen=True)
@@ -152,13 +154,15 @@ def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
     W = np.empty((2 + m, n))
     M = np.empty((m, m))
     v = np.empty((m, 2))
+    largest = np.max(np.abs(y))
     for b in range(B):
         columns[0] = X[b]
         columns[1] = y
         columns[2:] = nuisance
         good = sigma[b] > 0 and abs(rho[b]) < _LARGEST_RHO
         for i in range(n):
-            if not math.isfinite(X[b, i]):
+            # what is absurdly large leaves nothing but rounding of the differences below, which may be of either sign
+            if not abs(X[b, i]) <= _ABSURD * (largest + sigma[b]):
                 good = False
                 break
         if not good:

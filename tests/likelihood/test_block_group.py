@@ -233,3 +233,15 @@ def test_a_correlation_next_to_one_is_impossible_not_an_error():
     value = group.evaluate(MODEL, np.repeat(coordinates(TRUTH), 5, axis=0), {}, np.full(5, 4e-6), rho)[:, 0]
     assert np.isfinite(value[0])
     assert not np.any(np.isfinite(value[2:]))
+
+
+def test_an_absurd_prediction_is_worth_nothing():
+    """1e6 to 1e30 times what was read: of differences of such squares nothing is left but rounding, of either sign."""
+    group = group_of([voltage_record("a", 300, step=0.02)], noise_terms())
+    z = np.repeat(MODEL.prior_draws(1, np.random.default_rng(0)), 6, axis=0)
+    soft = MODEL.coordinate_names.index("log D")
+    z[1:, soft] += np.log([1e2, 1e6, 1e12, 1e20, 1e30])
+    value = group.evaluate(MODEL, z, {}, np.full(6, 4e-6), np.full((6, 1), 0.3))[:, 0]
+    assert np.isfinite(value[0])
+    assert value[1] < value[0]
+    assert not np.any(value[2:] > value[1])
