@@ -39,16 +39,16 @@ def decided() -> Section:
 
 @pytest.fixture(scope="module")
 def statics() -> Section:
-    """The whole part on static laws, once: posteriors by one round of weights, Ogden's without its walkers."""
+    """The whole part on static laws, once: posteriors by a few rounds of weights, Ogden's without its walkers."""
 
-    def one_round(density, x, covariance, rng):
-        return integrate(density, x, covariance, rng, IntegralSettings(rounds=1, last_resort="none"))
+    def few_rounds(density, x, covariance, rng):
+        return integrate(density, x, covariance, rng, IntegralSettings(rounds=3, last_resort="none"))
 
     def no_walk(law, fitted, rng):
         return compression_posterior._summary(law, fitted, fitted.x + np.zeros((9, 1)), np.nan, "walkers", False, 9.0)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compression_posterior, "integrate", one_round)
+        patch.setattr(compression_posterior, "integrate", few_rounds)
         patch.setattr(compression_posterior, "_walked", no_walk)
         return static.run(_task())
 

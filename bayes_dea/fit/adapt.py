@@ -21,6 +21,8 @@ from bayes_dea.fit.mixture import Mixture, fit_mixture, joined
 
 Array = NDArray[np.float64]
 LogProb = Callable[[Array], Array]
+#: least variance of a proposal's component, of that of all draws: valleys and branches are a thousand times narrower
+_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -91,12 +93,12 @@ def _fitted(x: Array, log_prob: Array, rng: np.random.Generator, s: AdaptSetting
 
     A walker there is left by draws of the proposal once in e^2 tries or less: what holds up a run in a thin tail.
     """
-    out = fit_mixture(x[rng.permutation(len(x))[: s.draws]], rng, s.components)
+    out = fit_mixture(x[rng.permutation(len(x))[: s.draws]], rng, s.components, _FLOOR)
     for _ in range(s.patches):
         ratio = log_prob - out.log_density(x)
         high = x[ratio > np.median(ratio) + 2.0]
         if len(high) < 30 * x.shape[1]:
             break
-        patch = fit_mixture(high[rng.permutation(len(high))[: s.draws]], rng, (1, 4, 8))
+        patch = fit_mixture(high[rng.permutation(len(high))[: s.draws]], rng, (1, 4, 8), _FLOOR)
         out = joined([out, patch], np.array([0.85, 0.15]))
     return joined([out], np.ones(1), 1.05)

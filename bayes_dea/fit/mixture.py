@@ -16,11 +16,6 @@ from bayes_dea.errors import InputError
 Array = NDArray[np.float64]
 
 
-#: least variance of a component, of that of all draws: curved valleys and branches are a thousand times narrower than
-#: what holds them all, and draws of a component wider than they are would miss them
-_FLOOR = 1e-6
-
-
 @dataclass(frozen=True)
 class Mixture:
     """weights (k,), means (k, d), roots (k, d, d): lower Cholesky factors of the covariances."""
@@ -55,9 +50,13 @@ class Mixture:
         return new, np.asarray(logsumexp(back, axis=1) - logsumexp(there, axis=1))
 
 
-def fit_mixture(x: Array, rng: np.random.Generator, components: tuple[int, ...] = (1, 2, 4, 8)) -> Mixture:
+def fit_mixture(
+    x: Array, rng: np.random.Generator, components: tuple[int, ...] = (1, 2, 4, 8), floor: float = 1e-3
+) -> Mixture:
     """Fit mixtures of growing size by EM and keep the one that predicts a held-out quarter best.
 
+    floor: least variance of a component, of that of all draws. Few draws, or weighted ones, need a wide one, or the
+    tails are missed; many of a density with curved valleys or branches far apart a narrow one, or its draws miss these.
     x: (n, d) draws, roughly independent. A larger mixture has to gain 0.01 nat a draw, else the smaller one
     stays. Raises InputError with fewer than 10 d draws or draws that lie in a subspace.
     """
@@ -73,11 +72,11 @@ def fit_mixture(x: Array, rng: np.random.Generator, components: tuple[int, ...] 
     z = np.linalg.solve(root, (x - centre).T).T
     order = rng.permutation(n)
     held, used = z[order[: n // 4]], z[order[n // 4 :]]
-    best, score = _em(used, 1, rng), -np.inf
+    best, score = _em(used, 1, rng, floor=floor), -np.inf
     for k in components:
         if k > 1 and len(used) < 20 * k * d:
             break
-        candidate = _em(used, k, rng)
+        candidate = _em(used, k, rng, floor=floor)
         its_score = float(np.mean(candidate.log_density(held)))
         if its_score > score + (0.01 if np.isfinite(score) else 0.0):
             best, score = candidate, its_score
@@ -136,7 +135,7 @@ def _parts(x, weights, means, roots, out):
             out[i, j] = height - 0.5 * total
 
 
-def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = _FLOOR) -> Mixture:
+def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor: float = 1e-3) -> Mixture:
     n, d = z.shape
     centres = [int(rng.integers(n))]
     for _ in range(k - 1):

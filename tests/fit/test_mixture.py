@@ -12,7 +12,7 @@ def test_branches_far_narrower_than_their_distance_are_not_blurred():
     centres = np.zeros((2, d))
     centres[1, :3] = 4.0
     x = centres[rng.integers(2, size=6000)] + width * rng.standard_normal((6000, d))
-    mixture = fit_mixture(x, rng)
+    mixture = fit_mixture(x, rng, floor=1e-6)
     new = mixture.draw(4000, rng)
 
     def log_density(y):
