@@ -34,6 +34,8 @@ _GOOD_TAIL = 0.6
 #: how many times as many draws are made where the weights of a round are nearly good enough, up to this Pareto k and
 #: standard error
 _MANY, _NEARLY_K, _NEARLY_SE = 4, 0.8, 0.4
+#: least variance of a component of a proposal, of that of all draws: a wide one misses the thin shells of curved laws
+NARROW = 1e-6
 #: nats by which draws in straightened coordinates fall short where these do not suit
 _FAR_SHORT = 3.0
 #: 84 % quantile of Student's t with three degrees of freedom
@@ -181,7 +183,7 @@ def straightened(
             return log_prob(at.inverse(z))
 
         try:
-            g = fit_mixture(y, rng, (1, 2, 4))
+            g = fit_mixture(y, rng, (1, 2, 4), NARROW)
         except InputError:
             g = normal_mixture(y.mean(axis=0), np.cov(y.T) + 1e-12 * np.diag(y.var(axis=0) + 1e-300))
         size = y.std(axis=0) + 1e-300
@@ -220,7 +222,7 @@ def settled(found: Integral, good_se: float = 0.2) -> bool:
 def _plain(draws: Array, rng: np.random.Generator, otherwise: Mixture) -> Mixture:
     """A mixture in the coordinates of the draws, for those who go on from them."""
     try:
-        return fit_mixture(draws, rng, (1, 2, 4, 8))
+        return fit_mixture(draws, rng, (1, 2, 4, 8), NARROW)
     except InputError:
         return otherwise
 
@@ -241,7 +243,7 @@ def _checked(
     """The integral once more by importance draws from what an annealing found, in plain or straightened coordinates."""
     d = far.draws.shape[1]
     try:
-        g = fit_mixture(far.draws, rng, (1, 2, 4, 8))
+        g = fit_mixture(far.draws, rng, (1, 2, 4, 8), NARROW)
     except InputError:
         return straightened(log_prob, far.draws, rng, s, evaluations, known=far.log_ratio)
     x = far.draws
@@ -340,7 +342,7 @@ def _refitted(draws: Array, log_weight: Array, g: Mixture, rng: np.random.Genera
     edges = np.cumsum(w)
     index = np.minimum(np.searchsorted(edges, (rng.random() + np.arange(len(draws))) / len(draws)), len(draws) - 1)
     try:
-        fitted = fit_mixture(draws[index], rng, (1, 2, 4))
+        fitted = fit_mixture(draws[index], rng, (1, 2, 4), NARROW)
     except InputError:
         return g
     # a part of the proposal is wider than anything that was seen: tails are what importance weights break on

@@ -31,6 +31,7 @@ from .common import Restricted, group_log_likelihood, restricted
 from .fit_one import Fitted, residual_at
 from .integrate import (
     FEW_POPULATIONS,
+    NARROW,
     Integral,
     IntegralSettings,
     honest_se,
@@ -181,7 +182,7 @@ class _Scoring:
                 return self._scored(p, sign, found.log_value, found.se, "integrated", float(found.pareto_k))
         prior = normal_mixture(anywhere.mean(axis=0), np.cov(anywhere.T))
         try:
-            g = fit_mixture(pool, rng, (1, 2, 4, 8))
+            g = fit_mixture(pool, rng, (1, 2, 4, 8), NARROW)
             wide = Mixture(
                 np.concatenate([0.5 * g.weights, 0.3 * g.weights, 0.15 * g.weights, 0.05 * prior.weights]),
                 np.concatenate([g.means, g.means, g.means, prior.means]),
