@@ -41,8 +41,7 @@ def find_branches(
     model = posterior.model
     fitted = [g for g in posterior.groups if g.fitted]
     groups = [g for g in fitted if isinstance(g, LinearGroup)]
-    free = not any(p.fixed for p in model.parameters) and not model.is_black_box
-    if len(groups) < len(fitted) or not groups or not model.separable or not free or posterior.own:
+    if len(groups) < len(fitted) or not groups or not model.separable or model.is_black_box or posterior.own:
         return [found]
     sigma, rho = posterior.noise_part(found.x[None], groups[0].channel)
     search = VoltageSearch(model, groups, float(sigma[0]), rho[0], rng)

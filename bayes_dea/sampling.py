@@ -182,7 +182,8 @@ def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings
     centres = np.array([b.x for b in branches])
     mass = np.array([b.log_posterior for b in branches]) + np.log(np.einsum("bii->bi", factors)).sum(axis=1)
     # the Laplace evidence of a branch that is hardly seen is rough: each of them gets a fair share
-    share = 0.5 * np.exp(mass - np.max(mass)) / np.exp(mass - np.max(mass)).sum() + 0.5 / len(branches)
+    weight = np.exp(mass - np.max(mass))
+    share = 0.5 * weight / weight.sum() + 0.5 / len(branches)
     # where the maximum is a kink the covariance is no guide: a walker far below would stay in a lesser mode for good
     least = found.log_posterior - 10.0 - 3.0 * d
     out = np.empty((s.ensembles, walkers, d))

@@ -19,7 +19,7 @@ from .reduced import Piece
 Array = NDArray[np.float64]
 #: ratios of the series resistance to the leak's at the highest field, and the fewer of a quick look
 _RATIOS, _FEW = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0), (0.02, 0.2)
-#: quantiles of the priors of the series resistance and of the field of activation
+#: quantiles of the prior of the series resistance; of that of the field of activation and of both in a quick look
 _QUANTILES = (0.2, 0.5, 0.8)
 _FIELDS = (0.25, 0.75)
 
@@ -44,7 +44,7 @@ def leak_points(model: Model, index: NDArray[np.int64], field_V_per_m: float, sp
         return []
     series, activation = (own[place[n]].prior for n in ("R_s_ohm", "E_0_V_per_m"))
     out = []
-    quantiles = (0.25, 0.75) if sparse else _QUANTILES
+    quantiles = _FIELDS if sparse else _QUANTILES
     for q_s, q_0, ratio in itertools.product(quantiles, _FIELDS, _FEW if sparse else _RATIOS):
         log_s, log_0 = (float(p.ppf(np.array([q]))[0]) for p, q in ((series, q_s), (activation, q_0)))
         log_leak = log_s - math.log(ratio) + math.sqrt(field_V_per_m / math.exp(log_0))

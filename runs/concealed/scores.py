@@ -180,8 +180,8 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     by = {g: [r for r in done if group(r) == g] for g in ("none", "single", "pair", "unknown")}
     acting = by["single"] + by["pair"]
     strong = [r for r in acting if nameable(r)]
-    # seen for certain, but something else explains them as well, or nearly
-    alike = [r for r in acting if not nameable(r) and _detected(r) and r["verdict"] != "unknown"]
+    # something is seen, but a rival explains it as well, or nearly
+    alike = [r for r in acting if not nameable(r) and _detected(r)]
     named = [r for r in acting if hit(r) and r["proof"].get("rmse_after_m") is not None]
     judged = strong + by["none"] + by["unknown"]
     seconds = sorted(float(r["seconds"]) for r in done)

@@ -89,8 +89,8 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
             "proof": {k: s["proof"].get(k) for k in ("rmse_before_m", "rmse_after_m", "noise_m", "elpd_gain")},
             "noise": result.base.noise.sigma,
             "mechanical": any(p.channel == "force" for p in result.base.problem.pieces),
-            "lead": lead_of(case, campaign, result),
         }
+        row["lead"] = lead_of(case, campaign, result)  # after the rest: what fails here is no failed diagnosis
     except Exception as error:  # a campaign that fails is a finding: it is kept and counted
         row |= {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc(limit=-4)}
     return row
