@@ -15,6 +15,7 @@ from ..campaign.schema import Campaign, Recording, Sensor
 from ..campaign.scratch import BLOCK, beside, computed, pieces
 from ..errors import InputError
 from ..models.electrostatics import filled_input
+from ..noise.stated import signal_size
 
 if TYPE_CHECKING:
     from ..noise.mains import Mains
@@ -55,9 +56,9 @@ class Prepared:
         return median_step(self.recording)
 
     def signal(self) -> float:
-        """Span of the observed column between its 0.1 and 99.9 % quantiles."""
+        """Size of what was observed, noise apart (`signal_size`)."""
         low, high = np.quantile(self.some(200_000), [0.001, 0.999])
-        return float(high - low)
+        return signal_size(float(high - low), self.quiet_sd)
 
     def some(self, count: int) -> NDArray[np.float64]:
         """Every k-th of the observed readings, of a recording with more than twice `count` of them; at most 2 count."""

@@ -326,7 +326,7 @@ class CurvedLearner(Learner):
                                  np.concatenate([z, wide]), sd, r)
             self._fresh, self._grouped = True, self.samples
         own = {name: changed(g, group.columns) for name, g in grams.items()}
-        return with_sums(replace(self.posterior, groups=(group,)), own, self.bench, self._signal.span(), self._lines())
+        return with_sums(replace(self.posterior, groups=(group,)), own, self.bench, self._largest_m(), self._lines())
 
     # ------------------------------------------------------------ designs
     def _size(self, z: Array) -> float:

@@ -22,6 +22,7 @@ from ..likelihood.posterior import Posterior
 from ..models.electrostatics import stress_factor, stroke_factor
 from ..models.model import Model
 from ..noise.dropouts import find_dropouts
+from ..noise.stated import signal_size
 from ..predict_recordings import conditional_gain
 from ..quantities import reported_quantities
 from .mains import KEPT_S, MainsWatch
@@ -305,7 +306,14 @@ class Learner:
 
     def _posterior_of(self, grams: dict[str, RecordGram]) -> Posterior:
         assert self.posterior is not None
-        return with_sums(self.posterior, grams, self.bench, self._signal.span(), self._lines())
+        return with_sums(self.posterior, grams, self.bench, self._largest_m(), self._lines())
+
+    def _largest_m(self) -> float:
+        """Size of the signal so far, noise apart."""
+        assert self.posterior is not None
+        assert self.particles is not None
+        sigma, _ = self.posterior.noise_part(self.particles.x, "displacement")
+        return signal_size(self._signal.span(), float(np.exp(np.mean(np.log(sigma)))))
 
     def _settle(self, rng: np.random.Generator) -> None:
         """After an update."""

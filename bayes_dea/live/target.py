@@ -60,7 +60,7 @@ def empty_posterior(model: Model, bench: Bench, step_s: float, basis: LagBasis) 
 
 def with_sums(posterior: Posterior, grams: Mapping[str, RecordGram], bench: Bench, largest_m: float,
               lines: tuple[tuple[float, float], ...] = ()) -> Posterior:
-    """The posterior given sums by session. largest_m: span of the signal so far, which scales the sensor's gain;
+    """The posterior given sums by session. largest_m: size of the signal so far, which scales the sensor's gain;
     lines: see `StreamGroup`."""
     group = posterior.groups[0]
     assert isinstance(group, StreamGroup)

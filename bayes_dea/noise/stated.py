@@ -20,6 +20,8 @@ from bayes_dea.errors import InputError
 SIGMA_LOG_SD = 0.4
 #: the same where the fluctuation is not stated and the data give the median
 SIGMA_LOG_SD_FROM_DATA = 0.8
+#: distance of the 0.1 and 99.9 % quantiles of a standard normal variable
+_TAILS = 6.1805
 #: offset sd as a share of the largest signal where no accuracy is stated
 OFFSET_SHARE_UNSTATED = 1.0 / 3.0
 
@@ -83,6 +85,16 @@ class PositionInForce:
     warnings: tuple[str, ...] = ()
 
 
+def signal_size(span: float, noise_sd: float) -> float:
+    """Size of a signal whose readings lie within `span` from their 0.1 to their 99.9 % quantile.
+
+    What the tails of Gaussian noise add to the span is taken off: scaled by a size that noise has blown up, the gain
+    would be held for better known than the sensor's accuracy allows. At least half the span, where noise hides the
+    signal.
+    """
+    return max(span - _TAILS * noise_sd, span / 2)
+
+
 def noise_terms(sensor: Sensor, zeroed: bool, largest_signal: float, *, estimated_sd: float | None = None,
                 channel: str = "displacement") -> NoiseTerms:
     """Noise terms of one channel of one recording.
@@ -94,7 +106,7 @@ def noise_terms(sensor: Sensor, zeroed: bool, largest_signal: float, *, estimate
     sensor : stated accuracies in the unit of the channel.
     zeroed : the sensor was zeroed just before; the offset then is the fluctuation of that zero (one
         reading's at worst), the gain stays.
-    largest_signal : largest |signal| of the recording in the unit of the channel; scales the gain.
+    largest_signal : largest |signal| of the recordings in the unit of the channel; scales the gain.
     estimated_sd : sd found in quiet stretches of the data; used where no fluctuation is stated.
     channel : name for messages, as in `[sensor.displacement]`.
 

@@ -36,7 +36,7 @@ def test_gaps_and_dropouts_are_masked_and_edges_are_not():
     assert p.observed[480:520].all()
     assert p.quiet_sd == pytest.approx(4e-6, rel=0.1)
     assert abs(p.quiet_rho) < 0.1
-    assert p.signal() == pytest.approx(2.2e-4, rel=0.05)
+    assert p.signal() == pytest.approx(2e-4, rel=0.02)  # without the noise, which spans another 2.5e-5
 
 
 def test_columns_of_disturbances():

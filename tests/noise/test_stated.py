@@ -6,7 +6,7 @@ from scipy import stats
 
 from bayes_dea.campaign.schema import Sensor
 from bayes_dea.errors import InputError
-from bayes_dea.noise.stated import force_noise_from_position, noise_terms
+from bayes_dea.noise.stated import force_noise_from_position, noise_terms, signal_size
 
 LASER = Sensor(fluctuation=4.7e-6, accuracy=19.4e-6, resolution=0.15e-6)
 
@@ -90,3 +90,14 @@ def test_silent_position_sensor_is_a_warning_and_bad_stiffness_an_error():
     assert "no fluctuation" in force_noise_from_position(Sensor(), 1e3, 1e-3).warnings[0]
     with pytest.raises(InputError, match="stiffness"):
         force_noise_from_position(Sensor(), -1.0, 1e-3)
+
+
+def test_noise_does_not_make_a_signal_larger():
+    rng = np.random.default_rng(3)
+    signal = np.repeat([0.0, 2e-4], 5000)
+    for sd in (0.0, 2e-6, 1.5e-5):
+        low, high = np.quantile(signal + sd * rng.standard_normal(signal.size), [0.001, 0.999])
+        # either level holds half of the readings: 0.21 sd less of a tail on each side, and their scatter
+        assert signal_size(high - low, sd) == pytest.approx(2e-4, abs=sd + 1e-12)
+    # nothing but noise: no more than half of what it spans is taken off
+    assert signal_size(6e-6, 1e-6) == 3e-6
