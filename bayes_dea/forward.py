@@ -17,14 +17,17 @@ from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require, stro
 from .models.lags import Drive, simulate_modes
 from .models.model import Model
 from .models.nodes import make_nodes, past_nodes
+from .models.path import Path, make_path
 from .models.plant import plant_of
 from .models.simulate_plant import simulate_nodes, simulate_plates
-from .noise.blocks import BlockSettings, block_means, log_blocks
+from .noise.blocks import Blocks, BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
 from .noise.kinks import find_kinks
 
 #: blocks of a position: shorter than of a voltage, because straight lines between their centres cut its corners
 POSITION_BLOCKS = BlockSettings(input_share=0.001)
+#: share of the largest force below which plates may part or meet
+_LOOSE = 0.05
 
 
 def simulate(
@@ -192,9 +195,26 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
     The scatter of the sensor is not motion of the plates: fed to the model it would come out as force. Where there is
     any, block means joined by straight lines replace the samples (as in the fit); a noise-free column stays as it is.
     """
+    position, _ = _imposed(recording)
+    return position
+
+
+def imposed_path(recording: Recording, averaged: Blocks) -> Path:
+    """The same at the rows that it takes to know the force in the means of blocks."""
+    position, straight = _imposed(recording)
+    if straight is None:
+        return make_path(recording.time_s, position, (), np.ones(position.size, dtype=bool))
+    force = np.abs(filled_input(recording.columns["force_N"]))
+    least = _LOOSE * np.quantile(force, 0.999)
+    loose = np.interp(recording.time_s, averaged.time_s, block_means(force, averaged)) < least
+    return make_path(recording.time_s, position, (straight, averaged), loose)
+
+
+def _imposed(recording: Recording) -> tuple[NDArray[np.float64], Blocks | None]:
+    """The position that drives a mechanical recording, and the blocks between whose times it is straight, if any."""
     position = filled_input(recording.columns["position_m"])
     if input_noise(position) <= 1e-7 * (float(position.max() - position.min()) or 1.0):
-        return position
+        return position, None
     blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS, kinks=find_kinks(position))
     means = block_means(position, blocks)
-    return computed(lambda t: np.interp(t, blocks.time_s, means), recording.time_s)
+    return computed(lambda t: np.interp(t, blocks.time_s, means), recording.time_s), blocks

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..campaign.scratch import PIECE, pieces
-from ..forward import imposed_position, memory
+from ..forward import imposed_path, memory
 from ..models.model import Model
 from ..models.nodes import Nodes, make_nodes, past_nodes
+from ..models.path import Path
 from ..models.plant import plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
-from ..noise.blocks import Blocks, BlockSettings, block_means
+from ..noise.blocks import Blocks, BlockSettings
 from ..noise.stated import NoiseTerms
 from .block_group import BlockGroup, BlockRecord, build_block_groups
 from .prepare import Prepared, RateClasses
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
 
 
-def averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
+def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
     """Matrix (blocks, nodes): straight lines between nodes, averaged over the observed rows of each block."""
     ends = np.cumsum(blocks.stop - blocks.start)  # among the rows of all blocks, one after another
     first = blocks.start - np.concatenate([[0], ends[:-1]])
@@ -63,12 +64,12 @@ def averaging(nodes: Nodes, time_s: Array, blocks: Blocks, observed: NDArray[np.
 
 @dataclass(frozen=True)
 class PlantRecord(BlockRecord):
-    """A block record with the nodes of its chain, or the position that drives it (n,) m."""
+    """A block record with the nodes of its chain, or the path of the plates that drives it."""
 
     nodes: Nodes | None = None
     past: Nodes | None = None
     matrix: csr_matrix | None = field(repr=False, default=None)
-    position: Array | None = field(repr=False, default=None)
+    path: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -89,14 +90,14 @@ class PlantGroup(BlockGroup):
         for b in range(B):
             plant = plant_of(model, {k: float(v[b]) for k, v in values.items()}, r.actuator)
             if record.nodes is not None:
-                assert record.matrix is not None
-                out[b] = record.matrix @ simulate_nodes(plant, record.nodes, record.past)
+                answer = simulate_nodes(plant, record.nodes, record.past)
             else:
-                assert record.position is not None
+                assert record.path is not None
                 assert zero is not None
-                force = simulate_plates(plant, r.time_s, record.position, float(zero[b]), record.contact)
-                masked = ~record.prepared.observed & np.isfinite(record.prepared.y)
-                out[b] = block_means(force, record.blocks, masked)
+                path = record.path
+                answer = simulate_plates(plant, path.time_s, path.position_m, float(zero[b]), record.contact)
+            assert record.matrix is not None
+            out[b] = record.matrix @ answer
         return out
 
 
@@ -113,14 +114,14 @@ def build_plant_groups(
     for g in build_block_groups(prepared, terms, rates, channel, input_variance, COMMAND_BLOCKS):
         records: list[BlockRecord] = []
         for record in g.records:
-            r = record.prepared.recording
+            r, blocks = record.prepared.recording, record.blocks
             own = {name: getattr(record, name) for name in record.__dataclass_fields__}
+            where: Nodes | Path
             if r.is_voltage:
-                nodes = make_nodes(r)
-                before = past_nodes(memory(recordings, r), r)
-                matrix = averaging(nodes, r.time_s, record.blocks, record.prepared.observed)
-                records.append(PlantRecord(**own, nodes=nodes, past=before, matrix=matrix))
+                where = nodes = make_nodes(r)
+                own |= {"nodes": nodes, "past": past_nodes(memory(recordings, r), r)}
             else:
-                records.append(PlantRecord(**own, position=imposed_position(r)))
+                where = own["path"] = imposed_path(r, blocks)
+            records.append(PlantRecord(**own, matrix=averaging(where, r.time_s, blocks, record.prepared.observed)))
         groups.append(PlantGroup(g.channel, g.specimen, tuple(records), g.gain_sd, g.quantisation_variance))
     return groups

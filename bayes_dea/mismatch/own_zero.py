@@ -32,7 +32,7 @@ def with_zeros(fit: Fit, held: Sequence[Piece]) -> tuple[Fit, tuple[Piece, ...]]
     problem, q, pieces = fit.problem, fit.q, []
     at = problem.model.dimension + problem.zero_mean.size
     for piece in held:
-        if piece.position is not None and piece.name not in seen:
+        if piece.path is not None and piece.name not in seen:
             prior = zero_prior(piece.prepared)
             if piece.zero < 0:
                 piece = replace(piece, zero=problem.zero_mean.size)

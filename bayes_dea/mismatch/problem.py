@@ -168,12 +168,12 @@ class Problem:
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
         return [
-            x if p.nodes is None else np.interp(p.recording.time_s, p.nodes.time_s, x)
+            np.interp(p.recording.time_s, p.where.time_s, x)
             for p, x in zip(self.pieces, self.outputs(q), strict=True)
         ]
 
     def outputs(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
-        """The model's output at the nodes of voltage recordings and the rows of mechanical ones; empty if not asked."""
+        """The model's output at the nodes of the pieces; empty if not asked."""
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
         zeros, _ = self.beside(q)
         out: list[Array] = []
@@ -189,9 +189,10 @@ class Problem:
             if piece.nodes is not None:
                 out.append(simulate_nodes(plant, piece.nodes, piece.past))
             else:
-                assert piece.position is not None
-                zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(piece.position[0])
-                out.append(simulate_plates(plant, piece.recording.time_s, piece.position, zero, piece.contact))
+                path = piece.path
+                assert path is not None
+                zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(path.position_m[0])
+                out.append(simulate_plates(plant, path.time_s, path.position_m, zero, piece.contact))
         return out
 
     def steps(self, q: Array) -> Array:

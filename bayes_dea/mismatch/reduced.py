@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..assemble import Assembled
-from ..forward import POSITION_BLOCKS, contact_of, imposed_position, memory
+from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, averaging
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes
+from ..models.path import Path
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.edges import input_noise
 from ..noise.kinks import find_kinks
@@ -54,8 +55,8 @@ class Piece:
     white_variance: float | Array = 0.0  # of a sample, beyond sigma: the scatter of the position in a force; (nb,)
     nodes: Nodes | None = None  # of a voltage recording
     past: Nodes | None = None  # whose memory it inherits
-    averaging: csr_matrix | None = field(repr=False, default=None)  # (nb, nodes)
-    position: Array | None = field(repr=False, default=None)  # (n,) of a mechanical recording
+    path: Path | None = None  # of a mechanical recording
+    averaging: csr_matrix = field(repr=False, kw_only=True)  # (nb, nodes)
     zero: int = -1  # index of its zero of position
     contact: int = 1
 
@@ -79,10 +80,15 @@ class Piece:
         """Whether fits may see it."""
         return self.recording.role == "identify"
 
+    @property
+    def where(self) -> Nodes | Path:
+        """The rows at which the model is worked out, its nodes."""
+        where = self.path if self.nodes is None else self.nodes
+        assert where is not None
+        return where
+
     def means(self, values: Array) -> Array:
-        """Block means (..., nb) of values at the nodes (..., m), or of rows for a mechanical recording."""
-        if self.averaging is None:
-            return block_means(values, self.blocks, ~self.prepared.observed)
+        """Block means (..., nb) of values at the nodes (..., m)."""
         return np.asarray((self.averaging @ np.atleast_2d(values).T).T).reshape(*values.shape[:-1], self.blocks.n)
 
 
@@ -99,7 +105,7 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
         y=piece.y[at],
         nuisance=piece.nuisance[:, at],
         white_variance=np.broadcast_to(piece.white_variance, b.n)[at],
-        averaging=None if piece.averaging is None else piece.averaging[at],
+        averaging=piece.averaging[at],
     )
 
 
@@ -227,6 +233,7 @@ def _mechanical_piece(
         mask=masked & ~gap,
         kinks=find_kinks(raw),
     )
+    path = imposed_path(p.recording, blocks)
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     nuisance = p.nuisance().T
     scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
@@ -242,7 +249,8 @@ def _mechanical_piece(
         block_means(nuisance, blocks, masked),
         sd,
         white_variance=(_stiffness(p, position, blocks) * input_noise(raw)) ** 2,
-        position=position,
+        path=path,
+        averaging=averaging(path, p.recording.time_s, blocks, p.observed),
         zero=zero,
         contact=contact_of(p.recording),
     )

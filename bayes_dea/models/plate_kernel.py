@@ -45,12 +45,15 @@ from .plant_kernel import (
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
+#: rows on its own after which a material is followed in steps of one row more, and the longest of these steps
+_SLOWS, _LONGEST = 8, 16
+
 
 @_jit
-def _held(w, law_p, h, start, end, final):
-    """Stress at the end of a straight strain from start to end in h; with `final` the state goes along.
+def _held(w, law_p, h, start, end, trial):
+    """Stress at the end of a straight strain from start to end in h; `trial` (SIZE,) gets the state that goes along.
 
-    h = 0: a jump, which the damper does not feel.
+    h = 0: a jump, which the damper does not feel. Nothing has changed until `_take`.
     """
     n = int(w[P_N])
     change = end - start
@@ -60,19 +63,39 @@ def _held(w, law_p, h, start, end, final):
     for j in range(n):
         new = w[A_Q + j] * w[A_A + j] + w[A_G + j] * change
         Q += new
-        if final:
-            w[A_Q + j] = new
+        trial[A_Q + j] = new
     s, t, W = _elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], w[P_SHARE], w[P_MM], w[P_MB],
                        w[X_WM], end)
     f, tf = 0.0, 0.0
     if w[P_SY] > 0.0:
         f, tf = _friction(w, end)
-    if final:
-        if w[P_SY] > 0.0:
-            _commit_friction(w, end, f)
-        w[X_E], w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q] = end, s, t, f, tf, Q
-        w[X_WM] = max(w[X_WM], W)
+    trial[X_E], trial[X_S], trial[X_T], trial[X_F], trial[X_TF], trial[X_Q], trial[X_WM] = end, s, t, f, tf, Q, W
     return s + f + Q + (w[P_D0] * change / h if h > 0.0 else 0.0)
+
+
+@_jit
+def _take(w, trial):
+    """Make the state that was tried last the present one."""
+    for j in range(int(w[P_N])):
+        w[A_Q + j] = trial[A_Q + j]
+    if w[P_SY] > 0.0:
+        _commit_friction(w, trial[X_E], trial[X_F])
+    w[X_E], w[X_S], w[X_T] = trial[X_E], trial[X_S], trial[X_T]
+    w[X_F], w[X_TF], w[X_Q] = trial[X_F], trial[X_TF], trial[X_Q]
+    w[X_WM] = max(w[X_WM], trial[X_WM])
+
+
+@_jit
+def _flown(w, law_p, h, b, rows, e, contact, before, one, none, out):
+    """Whether the material (strain `before`) stays off the plates for `rows` rows after row b; they are flown then."""
+    highest, one[0] = -np.inf, 0.0
+    for i in range(b, b + rows):
+        highest = max(highest, contact * e[i + 1])
+        one[0] += h[i]
+    if highest > contact * before:
+        return False
+    run(w, law_p, one, none, none, out)
+    return not highest > contact * w[X_E]
 
 
 @_jit
@@ -84,23 +107,37 @@ def drive_position(w, law_p, h, e, contact, stress, material):
     """
     prepare(w, law_p)
     one, none, out = np.empty(1), np.zeros(1), np.empty(1)
-    kept = w.copy()
-    s = _held(w, law_p, 0.0, 0.0, e[0], False)
+    kept, trial = w.copy(), w.copy()
+    s = _held(w, law_p, 0.0, 0.0, e[0], trial)
     touching = not contact * s < 0.0
     if touching:
-        _held(w, law_p, 0.0, 0.0, e[0], True)
+        _take(w, trial)
     stress[0], material[0] = (s, e[0]) if touching else (0.0, 0.0)
-    for b in range(h.size):
+    b, alone = 0, 0
+    while b < h.size:
         start, end, left = e[b], e[b + 1], h[b]
         met = False
         before = material[b]
         if not touching:
             kept[:] = w
+            # what goes its own way slows down, and is followed in longer steps while the plates are far
+            rows = min(1 + alone // _SLOWS, _LONGEST, h.size - b)
+            if rows > 1:
+                if _flown(w, law_p, h, b, rows, e, contact, before, one, none, out):
+                    after = w[X_E]
+                    for i in range(rows):
+                        stress[b + 1 + i], material[b + 1 + i] = 0.0, before + (after - before) * (i + 1) / rows
+                    b += rows
+                    alone += rows
+                    continue
+                w[:] = kept
             one[0] = left
             run(w, law_p, one, none, none, out)
             flown = w[X_E]
             if not contact * (end - flown) > 0.0:
                 stress[b + 1], material[b + 1] = 0.0, flown
+                b += 1
+                alone += 1
                 continue
             # they meet within the step, where the straight lines cross
             gap = contact * (before - start)
@@ -111,22 +148,25 @@ def drive_position(w, law_p, h, e, contact, stress, material):
                 run(w, law_p, one, none, none, out)
             start += part * (end - start)
             left = max((1.0 - part) * left, 1e-12 * h[b])
-            _held(w, law_p, 0.0, w[X_E], start, True)
+            _held(w, law_p, 0.0, w[X_E], start, trial)
+            _take(w, trial)
             touching, met = True, True
-        s = _held(w, law_p, left, start, end, False)
+        s = _held(w, law_p, left, start, end, trial)
         if met:
             # over the step in which they meet the damper feels the material's mean rate
             s += w[P_D0] * ((end - before) / h[b] - (end - start) / left)
+        b += 1
         if not contact * s < 0.0:
-            _held(w, law_p, left, start, end, True)
-            stress[b + 1], material[b + 1] = s, end
+            _take(w, trial)
+            stress[b], material[b] = s, end
             continue
         # contact is lost within the step, where the straight line between the end stresses is zero
         at_start = w[X_S] + w[X_F] + w[X_Q] + w[P_D0] * (end - start) / left
         part = at_start / (at_start - s) if contact * at_start > 0.0 else 0.0
         if part > 0.0:
-            _held(w, law_p, part * left, start, start + part * (end - start), True)
+            _held(w, law_p, part * left, start, start + part * (end - start), trial)
+            _take(w, trial)
         one[0] = (1.0 - part) * left
         run(w, law_p, one, none, none, out)
-        touching = False
-        stress[b + 1], material[b + 1] = 0.0, w[X_E]
+        touching, alone = False, 0
+        stress[b], material[b] = 0.0, w[X_E]

@@ -1,0 +1,87 @@
+"""Mechanical recordings worked out at fewer rows than they have: what is lost is far below the noise."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from bayes_dea.bench.rig import Geometry
+from bayes_dea.campaign import Actuator, recording_from_arrays
+from bayes_dea.forward import POSITION_BLOCKS, imposed_path, imposed_position
+from bayes_dea.likelihood.plant_group import averaging
+from bayes_dea.models.model import build_model
+from bayes_dea.models.plant import plant_of
+from bayes_dea.models.simulate_plant import simulate_plates
+from bayes_dea.noise.blocks import block_means, log_blocks
+from bayes_dea.noise.kinks import find_kinks
+
+ACTUATOR = Actuator(**asdict(Geometry()))
+ZERO, SCATTER, FORCE_NOISE = 3e-4, 5e-6, 5e-3
+MATERIAL = {"Y_Pa": 1.2e6, "k_1_Pa": 9e4, "tau_1_s": 160.0, "k_2_Pa": 4e4, "tau_2_s": 20.0, "k_3_Pa": 6e4,
+            "tau_3_s": 0.8}
+EFFECTS = {
+    "": {},
+    "parallel_damper": {"d0_Pa_s": 500.0},
+    "mullins_softening": {"mullins_share": 0.2, "mullins_m_Pa": 30.0, "mullins_b": 0.5},
+    "rate_independent_hysteresis": {"sigma_y_Pa": 3e3, "eps_y": 0.01},
+    "strain_stiffening": {"beta": 60.0},
+}
+
+
+def recording(kind, plant, scatter=SCATTER):
+    t = 0.01 * np.arange(18000)
+    if kind == "relaxation":
+        x = np.interp(t, [0, 1, 2, 180], [0, 0, 1.2e-3, 1.2e-3])
+    else:  # three cycles, of which each loses contact on the way back
+        x = np.interp(t, [0, 2, 32, 62, 92, 122, 152, 180], np.array([0, 0, 1, 0, 1, 0, 1, 0]) * 1.2e-3)
+    rng = np.random.default_rng(4)
+    force = simulate_plates(plant, t, x, ZERO, 1) + FORCE_NOISE * rng.standard_normal(t.size)
+    columns = {"time_s": t, "position_m": x + scatter * rng.standard_normal(t.size), "force_N": force}
+    return recording_from_arrays(kind, kind, columns, "identify", ACTUATOR)
+
+
+def plant_with(effects):
+    model = build_model("+".join(["hooke+gm3", effects]).rstrip("+"))
+    named = {**MATERIAL, **EFFECTS[effects]}
+    values = {p.name: named[p.name] for p in model.parameters}
+    return plant_of(model, values, ACTUATOR)
+
+
+@pytest.mark.parametrize("kind", ["relaxation", "compression"])
+@pytest.mark.parametrize("effects", EFFECTS)
+def test_means_of_blocks_are_those_of_all_rows(kind, effects):
+    plant = plant_with(effects)
+    r = recording(kind, plant)
+    blocks = log_blocks(r.time_s, r.columns["position_m"], POSITION_BLOCKS, kinks=find_kinks(r.columns["position_m"]))
+    path = imposed_path(r, blocks)
+    every = simulate_plates(plant, r.time_s, imposed_position(r), ZERO, 1)
+    some = simulate_plates(plant, path.time_s, path.position_m, ZERO, 1)
+    assert every.max() > 5
+    assert (every == 0).any()
+    found = averaging(path, r.time_s, blocks, np.ones(r.time_s.size, dtype=bool)) @ some
+    z = (found - block_means(every, blocks)) / (FORCE_NOISE / np.sqrt(blocks.count))
+    # a shift of the predictions by z sds moves no log likelihood ratio by more than |z| times what separates two models
+    # in sds; a third of a sd in all is out of sight
+    assert float(z @ z) < 0.1
+    if kind == "relaxation":
+        assert path.row.size < r.time_s.size / 6
+
+
+def test_a_position_without_scatter_is_followed_row_by_row():
+    r = recording("compression", plant_with(""), scatter=0.0)
+    path = imposed_path(r, log_blocks(r.time_s, r.columns["position_m"], POSITION_BLOCKS))
+    np.testing.assert_array_equal(path.row, np.arange(r.time_s.size))
+    np.testing.assert_array_equal(path.position_m, r.columns["position_m"])
+
+
+@pytest.mark.parametrize("effects", EFFECTS)
+def test_long_steps_off_the_plates_lose_nothing(effects):
+    plant = plant_with(effects)
+    r = recording("compression", plant, scatter=0.0)
+    position = r.columns["position_m"].copy()
+    plain = simulate_plates(plant, r.time_s, position, ZERO, 1)
+    fine = np.linspace(0, r.time_s[-1], 10 * (r.time_s.size - 1) + 1)
+    finer = simulate_plates(plant, fine, np.interp(fine, r.time_s, position), ZERO, 1)[::10]
+    off = plain == 0
+    assert 0.1 < off.mean() < 0.6
+    assert np.abs(plain - finer).max() < 0.4 * FORCE_NOISE
