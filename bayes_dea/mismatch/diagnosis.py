@@ -33,13 +33,14 @@ from .prove import HeldOut, held_out, unanswered, without_validation
 from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, odd_one_out, other_holds
+from .ridge import posterior
 from .seen import Seen
 from .summary import say_clipped, say_odd, summarise
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
-from .weigh import Screened
+from .weigh import Screened, own_index
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -162,7 +163,7 @@ def _once(
     def lap(name: str) -> None:
         laps[name] = time.perf_counter() - began - sum(laps.values())
 
-    r_map, r_name, r_look = np.random.default_rng(seed).spawn(3)
+    r_map, r_name, r_look, r_draw = np.random.default_rng(seed).spawn(4)
     say("reading noise", 0, 1, campaign.name)
     limit = sensor_limit(campaign)
     usable = campaign if limit is None else cut_out(campaign, limit)
@@ -267,6 +268,8 @@ def _once(
         say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
     lap("prove")
+    drawn = _drawn(naming, physics[verdict], base, r_draw, lambda *at: say("drawing its parameters", *at))
+    lap("draw")
     say("asking", 0, 1, "the next experiment")
     members = indistinguishable(verdict, raw)
     ask = _ask(naming, [physics[m] for m in members], base, lambda *at: say("asking", *at))
@@ -281,8 +284,9 @@ def _once(
         notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
     summary = summarise(
-        assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model
-    )
+        assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model,
+        drawn,
+    )  # fmt: skip
     if how != "validate" and not in_turn:
         summary["warnings"].append(without_validation(proof))
     # file names keep their letters
@@ -338,6 +342,20 @@ def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: T
     # "unknown" takes what nothing else explains; another reading does
     rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
     return top if top.log_weight > rival or not naming.best.adequate else None
+
+
+def _drawn(
+    naming: Naming, name: str, base: Fit, rng: np.random.Generator, tell: Tell = silence
+) -> tuple[Array, Array] | None:
+    """Draws of the parameters of what is named; None for none, unknown, and where Laplace has to do.
+
+    Where modes may change places (`relabel`) every labelling counts, each by Laplace.
+    """
+    if name not in naming.weighed or len(naming.labellings.get(name, ())) > 1:
+        return None
+    fit = naming.weighed[name].fit
+    own = own_index(base, fit.problem.model)
+    return posterior(fit, own, rng, tell) if own.size else None
 
 
 def _proof(

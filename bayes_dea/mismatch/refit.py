@@ -60,7 +60,11 @@ def inverse(H: Array) -> Array:
 
 
 def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
-    """Minus log prior, its gradient and its Hessian (made positive) by central differences."""
+    """Minus log prior, its gradient and its Hessian (made positive) by central differences.
+
+    A flat prior between bounds curves like the normal of its variance. Where the recordings say nothing of such a
+    parameter its width is then that of the box, not endless, and the evidence of the others keeps its meaning.
+    """
     d = q.size
     scale = np.full(d, _PRIOR_STEP)
     scale[: problem.model.dimension] = _PRIOR_STEP * np.maximum(problem.model.priors.scales(), 1e-12)
@@ -94,7 +98,8 @@ def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
         cross = 0.5 * (total / (scale[i] * scale[j]) - H[i, i] * scale[i] / scale[j] - H[j, j] * scale[j] / scale[i])
         H[i, j] = H[j, i] = cross
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))
-    return float(base), gradient, (vectors * np.maximum(values, 0.0)) @ vectors.T
+    low, high = bounds(problem)
+    return float(base), gradient, (vectors * np.maximum(values, 0.0)) @ vectors.T + np.diag(12.0 / (high - low) ** 2)
 
 
 def bounds(problem: Problem) -> tuple[Array, Array]:
@@ -295,7 +300,7 @@ def _descended(
             promised = -float(g @ step + 0.5 * step @ H @ step)
             if promised < tolerance or value - 10.0 * promised > hopeless_above:
                 break
-            there = _value(problem, q + step, noise)
+            there = value_at(problem, q + step, noise)
             if there < value:
                 new = q + step, there
                 break
@@ -310,7 +315,7 @@ def _descended(
     return End(q, prior[0] + 0.5 * float(gram[0, 0]), taken, gram, logdet, clean, slopes, prior)
 
 
-def _value(problem: Problem, q: Array, noise: Noise) -> float:
+def value_at(problem: Problem, q: Array, noise: Noise) -> float:
     """Minus log posterior at fixed noise without log det terms; infinite where the model has no answer."""
     p = -float(problem.log_prior(q)[0])
     if not np.isfinite(p):

@@ -83,13 +83,16 @@ def labellings(found: Weighed, prior: NoisePrior) -> list[Fit]:
 
 
 def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighed | None:
-    """A simpler `model`, all of whose parameters `found` has, refitted from where that stands.
+    """A simpler `model`, refitted from where `found` stands.
 
-    Whether it takes the effects that the model does without is asked from there. None where it has no answer.
+    Whether it takes the effects that the model does without is asked from there. What only the simpler one has (a
+    resistance that comes with a leak where none is named) starts at its prior's median. None where it has no answer.
     """
     problem = found.fit.problem.with_model(model)
     before = found.fit.problem.model
-    q = np.array([found.fit.q[before.priors.names.index(n)] for n in model.priors.names])
+    known = dict(zip(before.priors.names, found.fit.q[: before.dimension], strict=True))
+    median = model.priors.transform(np.full((1, model.dimension), 0.5))[0]
+    q = np.array([known.get(n, m) for n, m in zip(model.priors.names, median, strict=True)])
     low, high = bounds(problem)
     start = np.clip(np.concatenate([q, found.fit.q[before.dimension :]]), low + 1e-9, high - 1e-9)
     fit = refit(problem, start, prior.start(), prior)

@@ -1,81 +1,123 @@
-"""Evidence of a hypothesis whose own parameters trade against each other: a few simulations along the ridge.
+"""An effect's own parameters, drawn along their ridge: its evidence and the posterior of what it is made of.
 
 Laplace takes the posterior for normal. Where an effect has several parameters that the recordings hardly tell apart
-(a leak, its activation and the resistance before it) that is wrong by nats. Here the effect's own parameters are drawn
-from a Student t around the maximum, everything else is moved along linearly, and the weights give the integral.
+(a leak, its activation and the resistance before it), or one at the end of what its prior allows, that is wrong: by
+nats of evidence, and by many of its own standard deviations where the other end is as likely. Here the effect's own
+parameters are drawn from a Student t around the maximum, everything else is moved along linearly, and the weights give
+the integral and the posterior.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln, logsumexp, ndtri
+from scipy.stats import chi2, qmc
 
 from .refit import Fit, bounds
 from .telling import Tell, silence
 from .weigh import Frame
 
 Array = NDArray[np.float64]
+#: standard normal points (n, k) and chi squared ones (n,), of n and k
+Points = Callable[[int, int], tuple[Array, Array]]
 #: degrees of freedom of the proposal, its widening, simulations of each round
 _DF, _WIDE, _ROUNDS = 4.0, 1.3, (40, 50, 70)
 #: effective draws below which the integral is not trusted, and below which the next round keeps what it has
 _LEAST, _LOST = 5.0, 2.0
+#: the same rounds for a posterior (powers of two, for points that fill evenly), the effective draws that are enough,
+#: and those below which Laplace stands
+_POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 256), 80.0, 25.0
+
+
+@dataclass(frozen=True)
+class _Round:
+    """Draws (n, k) of the own parameters, their log weights (n,), the effective number of them."""
+
+    theta: Array
+    log_w: Array
+    effective: float
+
+    @property
+    def share(self) -> Array:
+        """Weights (n,), which add up to one."""
+        w = np.exp(self.log_w - self.log_w.max())
+        return np.asarray(w / w.sum())
 
 
 def integrated(
     fit: Fit, own: NDArray[np.int64], rng: np.random.Generator, tell: Tell = silence
 ) -> tuple[float, float] | None:
     """Log evidence and its standard error; own: indices of the effect's parameters. None where draws do not do."""
-    k = own.size
-    frame = Frame(fit)
-    covariance = fit.covariance
-    low, high = bounds(fit.problem)
-    # where the recordings say nothing the box of the prior does: a step along the ridge must not leave it
-    box = 12.0 / (high[own] - low[own]) ** 2
-    scale = np.sqrt(np.maximum(np.diag(covariance)[own], 1e-300))
-    inner = np.linalg.pinv(covariance[np.ix_(own, own)] / np.outer(scale, scale), hermitian=True)
-    laplace_root = _root(np.linalg.inv(inner + np.diag(box * scale**2)) * np.outer(scale, scale))
-    own_root = _root(covariance[np.ix_(own, own)])
-    if laplace_root is None or own_root is None:
+    root = _root(fit.covariance[np.ix_(own, own)])
+    if root is None:
         return None
+    normal = 0.5 * own.size * math.log(2 * math.pi) + float(np.sum(np.log(np.diag(root))))
+    found: tuple[float, float] | None = None
+    for r in _rounds(fit, own, root, _ROUNDS, partial(_normal_points, rng), tell):
+        n = r.log_w.size
+        if r.effective >= _LEAST:
+            se = math.sqrt(max(1.0 / r.effective - 1.0 / n, 0.0))
+            log_ratio = float(logsumexp(r.log_w) - math.log(n))
+            found = fit.log_evidence + log_ratio - normal, max(se, 0.05)
+    return found
+
+
+def posterior(
+    fit: Fit, own: NDArray[np.int64], rng: np.random.Generator, tell: Tell = silence
+) -> tuple[Array, Array] | None:
+    """Draws (n, k) of the own parameters in coordinates and their weights (n,). None where draws do not do."""
+    root = _root(fit.covariance[np.ix_(own, own)])
+    if root is None:
+        return None
+    best: _Round | None = None
+    for r in _rounds(fit, own, root, _POSTERIOR_ROUNDS, partial(_even_points, rng), tell):
+        if best is None or r.effective > best.effective:
+            best = r
+        if best.effective >= _ENOUGH:
+            break
+    return None if best is None or best.effective < _SOME else (best.theta, best.share)
+
+
+def _rounds(
+    fit: Fit, own: NDArray[np.int64], start: Array, counts: tuple[int, ...], points: Points, tell: Tell
+) -> Iterator[_Round]:
+    """Rounds of draws, each where the one before has found the weight; start (k, k): root of the first's covariance."""
+    frame = Frame(fit)
+    low, high = bounds(fit.problem)
     rest = np.setdiff1d(np.arange(fit.q.size), own)
     H_rest = frame.H[np.ix_(rest, rest)]
     along = -np.linalg.lstsq(H_rest, frame.H[np.ix_(rest, own)], rcond=1e-13)[0]
     here = _value(frame, fit, fit.q, rest, H_rest)
-    centre, root = fit.q[own], _WIDE * laplace_root
-    found: tuple[float, float] | None = None
+    centre, root = fit.q[own], _WIDE * start
     done = 0
-    for n in _ROUNDS:
-        theta, log_q = _student(centre, root, n, rng)
+    for n in counts:
+        theta, log_q = _student(centre, root, *points(n, own.size))
         inside = np.all((theta > low[own]) & (theta < high[own]), axis=1)
         log_w = np.full(n, -np.inf)
         for i in np.flatnonzero(inside):
-            tell(done + int(i), sum(_ROUNDS), "")
+            tell(done + int(i), sum(counts), "")
             q = fit.q.copy()
             q[own] = theta[i]
             q[rest] += along @ (theta[i] - fit.q[own])
             log_w[i] = here - _value(frame, fit, q, rest, H_rest) - log_q[i]
         done += n
         if not np.isfinite(log_w).any():
-            return None
+            return
         w = np.exp(log_w - log_w.max())
-        effective = float(w.sum() ** 2 / np.sum(w**2))
-        log_ratio = float(logsumexp(log_w) - math.log(n))
-        normal = 0.5 * k * math.log(2 * math.pi) + float(np.sum(np.log(np.diag(own_root))))
-        se = math.sqrt(max(1.0 / effective - 1.0 / n, 0.0))
-        if effective >= _LEAST:
-            found = fit.log_evidence + log_ratio - normal, max(se, 0.05)
-        # the next round where this one has found the weight
-        share = w / w.sum()
-        mean = share @ theta
-        spread = (share[:, None] * (theta - mean)).T @ (theta - mean)
-        better = _root(spread + 0.05 * laplace_root @ laplace_root.T)
-        if better is None or effective < _LOST:
+        r = _Round(theta, log_w, float(w.sum() ** 2 / np.sum(w**2)))
+        yield r
+        mean = r.share @ theta
+        spread = (r.share[:, None] * (theta - mean)).T @ (theta - mean)
+        better = _root(spread + 0.05 * start @ start.T)
+        if better is None or r.effective < _LOST:
             continue
         centre, root = mean, _WIDE * better
-    return found
 
 
 def _value(frame: Frame, fit: Fit, q: Array, rest: NDArray[np.int64], H_rest: Array) -> float:
@@ -101,10 +143,21 @@ def _root(covariance: Array) -> Array | None:
         return None
 
 
-def _student(centre: Array, root: Array, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _normal_points(rng: np.random.Generator, n: int, k: int) -> tuple[Array, Array]:
+    """Draws of k standard normal variables (n, k), and of chi squared (n,)."""
+    return rng.standard_normal((n, k)), rng.chisquare(_DF, n)
+
+
+def _even_points(rng: np.random.Generator, n: int, k: int) -> tuple[Array, Array]:
+    """The same, filling evenly (a scrambled Sobol sequence): quantiles then scatter less than those of n draws."""
+    u = np.clip(qmc.Sobol(k + 1, rng=rng).random(n), 1e-9, 1 - 1e-9)
+    return ndtri(u[:, :k]), np.asarray(chi2.ppf(u[:, k], _DF))
+
+
+def _student(centre: Array, root: Array, normal: Array, chisquare: Array) -> tuple[Array, Array]:
     """Draws (n, k) of a multivariate t and their log density (n,)."""
     k = centre.size
-    z = rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(_DF, n) / _DF)[:, None]
+    z = normal / np.sqrt(chisquare / _DF)[:, None]
     log_q = (
         gammaln(0.5 * (_DF + k)) - gammaln(0.5 * _DF) - 0.5 * k * math.log(_DF * math.pi)
         - float(np.sum(np.log(np.diag(root)))) - 0.5 * (_DF + k) * np.log1p(np.sum(z * z, axis=1) / _DF)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from ..models.model import Model
 from .features import Features
 from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
-from .refit import Fit
+from .refit import Fit, refit, value_at
 from .relabel import FURTHER, in_place_of_one, within, without_stand_in
 from .relocate import begun_from, relocated
 from .ridge import integrated
@@ -47,6 +47,8 @@ _DOUBTFUL = 0.4
 _ESCAPES = 4
 #: nats by which the leading one has to have found a better place for others to begin there, and how many do
 _FOUND, _FOLLOWING = 5.0, 3
+#: how far (in logs) a parameter of the base has to move for what was not refitted to be looked at again
+_MOVED = 1.0
 #: nats behind the leading one within which a single effect may be the first of a pair in its place, and how many
 _ALIKE, _PARTNERS = 30.0, 3
 #: the damping of a mass and a damper in parallel are one and the same number
@@ -133,9 +135,7 @@ def refined(
         if w is None:
             most = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
             w = Weighed(s.effects, base, min(s.log_evidence, most), 0.5, 0.0)
-        # laws of one effect share its prior, and the likelier stands for it
-        laws = sum(o.effects == s.effects for o in screened)
-        w = replace(w, log_evidence=w.log_evidence - math.log(laws), shared_prior=-math.log(laws))
+        w = _of_laws(w, screened)
         if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
             out[name], of[name] = w, s
     settled: set[str] = set()
@@ -157,6 +157,12 @@ def refined(
             elsewhere = begun_from(out[name].fit, out[refitted[0]].fit, prior)
             if elsewhere is not out[name].fit:
                 out[name] = improved(out[name], base, of[name], elsewhere)
+    if refitted:
+        left_out = [s for s in screened if out["+".join(s.effects)].fit is base]
+        for s, w in overlooked(base, out[refitted[0]].fit, left_out, prior, say):
+            w = _of_laws(w, screened)
+            if _hopeful(w, base) > _hopeful(out[w.name], base):
+                out[w.name], of[w.name] = w, s
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
@@ -166,6 +172,43 @@ def refined(
         better = integrated(w.fit, own, rng, partial(_along, say, name))
         if better is not None:
             out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
+    return out
+
+
+def _of_laws(w: Weighed, screened: Sequence[Screened]) -> Weighed:
+    """A hypothesis with its share of the effect's prior: laws of one effect share it, the likelier stands for it."""
+    laws = sum(o.effects == w.effects for o in screened)
+    return replace(w, log_evidence=w.log_evidence - math.log(laws), shared_prior=-math.log(laws))
+
+
+def overlooked(
+    base: Fit, leader: Fit, waiting: Sequence[Screened], prior: NoisePrior, say: Report
+) -> list[tuple[Screened, Weighed]]:
+    """Hypotheses that were not refitted, from where the leading one has the base, if that is another place.
+
+    Where a mode of the base does an effect's work, those that would do it, too, promise nothing: a sensor's lag beside
+    a damper, say.
+    """
+    names, theirs = base.problem.model.priors.names, leader.problem.model
+    shared = np.array([leader.q[theirs.priors.names.index(n)] for n in names])
+    if np.max(np.abs(shared - base.q[: shared.size]), initial=0.0) < _MOVED:
+        return []
+    q = np.concatenate([shared, leader.q[theirs.dimension :]])
+    plain = refit(base.problem, q, prior.start(), prior, max_steps=0, fit_noise=False)
+    if plain is None:
+        return []
+    frame, reached = Frame(plain), value_at(leader.problem, leader.q, prior.start())
+    found = []
+    for k, s in enumerate(waiting):
+        say("looking again", k, len(waiting), "+".join(s.effects))
+        again = screen([frame], s.model, s.effects, sparse=True)
+        if again is not None and again.gain > _LEAST_GAIN:
+            found.append((again.points[0].posterior, s, again.points))
+    out = []
+    for _, s, points in sorted(found, key=lambda f: f[0])[:_FOLLOWING]:
+        w = refine(base, replace(s, points=points), prior, 1, reached)
+        if w is not None:
+            out.append((s, w))
     return out
 
 

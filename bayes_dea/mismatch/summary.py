@@ -28,6 +28,8 @@ from .verdict import Fact, silent
 from .words import silent_note, statement
 
 Array = NDArray[np.float64]
+#: places (n, k) of the parameters that effects add, in their coordinates and order, and weights (n,)
+Draws = tuple[Array, Array]
 
 
 def summarise(
@@ -46,7 +48,9 @@ def summarise(
     seed: int,
     campaign: Campaign,
     model: Model,
+    drawn: Draws | None = None,
 ) -> dict[str, Any]:
+    """drawn: posterior of the verdict's own parameters."""
     none = naming.none
     detected = none.scan.detected
     confidence = confidence_of(p[verdict], members)
@@ -61,7 +65,9 @@ def summarise(
         }
         if physics[name] in naming.weighed:
             entry["parameters"] = own_parameters(
-                naming.labellings.get(physics[name], [naming.weighed[physics[name]].fit]), model
+                naming.labellings.get(physics[name], [naming.weighed[physics[name]].fit]),
+                model,
+                drawn if name == verdict else None,
             )
         for fact in facts:
             if fact.name in name.split("+"):
@@ -163,8 +169,8 @@ def say_clipped(mismatch: dict[str, Any], limit: Limit, pieces: tuple[Piece, ...
     mismatch["where"] = [*rows, *mismatch["where"]]
 
 
-def own_parameters(fits: Sequence[Fit], model: Model) -> dict[str, dict[str, Any]]:
-    """Posterior of the parameters that effects add, in physical units, from the Laplace approximation.
+def own_parameters(fits: Sequence[Fit], model: Model, drawn: Draws | None = None) -> dict[str, dict[str, Any]]:
+    """Posterior of the parameters that effects add, in physical units: of draws, or from the Laplace approximation.
 
     fits: the maximum, and others of the same explanation that differ in which mode is called what; each counts by its
     evidence. "map" is of the likeliest.
@@ -173,21 +179,25 @@ def own_parameters(fits: Sequence[Fit], model: Model) -> dict[str, dict[str, Any
     m = fits[0].problem.model
     share = np.exp(np.array([f.log_evidence for f in fits]) - max(f.log_evidence for f in fits))
     best = fits[int(np.argmax(share))]
+    own = [i for i, p in enumerate(m.priors.free) if p.name not in known]
     out = {}
-    for i, parameter in enumerate(m.priors.free):
-        if parameter.name in known:
-            continue
+    for column, i in enumerate(own):
+        parameter = m.priors.free[i]
         prior = parameter.prior
-        parts = [_normal(float(f.q[i]), math.sqrt(max(float(f.covariance[i, i]), 0.0)), prior) for f in fits]
-        x = np.concatenate([p[0] for p in parts])
-        weight = np.concatenate([w * p[1] for w, p in zip(share / share.sum(), parts, strict=True)])
+        if drawn is not None:
+            x, weight = drawn[0][:, column], drawn[1]
+        else:
+            parts = [_normal(float(f.q[i]), math.sqrt(max(float(f.covariance[i, i]), 0.0)), prior) for f in fits]
+            x = np.concatenate([p[0] for p in parts])
+            weight = np.concatenate([w * p[1] for w, p in zip(share / share.sum(), parts, strict=True)])
         order = np.argsort(x, kind="stable")
         x, weight = x[order], weight[order]
         value = np.exp(np.clip(x, -300.0, 300.0)) if prior.is_log else x
         mean, centre = float(weight @ value), float(best.q[i])
         cdf = np.cumsum(weight) - 0.5 * weight
         q05, q50, q95 = (float(np.interp(p, cdf, value)) for p in (0.05, 0.5, 0.95))
-        spread = float(weight @ (x - float(weight @ x)) ** 2) if len(fits) > 1 else float(fits[0].covariance[i, i])
+        alone = drawn is None and len(fits) == 1
+        spread = float(fits[0].covariance[i, i]) if alone else float(weight @ (x - float(weight @ x)) ** 2)
         prior_sd = prior.coordinate_sd()
         out[parameter.name] = {
             "mean": mean,

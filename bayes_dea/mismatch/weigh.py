@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 #: nats behind the best so far at which a hypothesis is not refitted any further
 HOPELESS = 300.0
+#: how far (in logs) the base is moved along linearly where the whole way led astray
+_FAR = 0.7
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: how well the frequency that a mass rings at is known from its stiffness
@@ -363,12 +365,13 @@ def refine(
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
-        for shift in (None,) if point.frame.far else (point.move, None):
+        for shift in _shifts(point):
             start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
             end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above)
             if end is not None:
                 ends.append((end.value, end.q, kept))
-                break
+                if end.value < point.posterior + HOPELESS:
+                    break
     for value, q, kept in sorted(ends, key=lambda e: e[0]):
         if value > above:
             break
@@ -376,6 +379,17 @@ def refine(
         if fit is not None:
             return replace(weighed(base, screened, fit), value=value)
     return None
+
+
+def _shifts(point: Scored) -> list[Array | None]:
+    """Moves of the base to begin with, the linear one first; others are for where that led astray.
+
+    The logs of a fit bend: a long step may set two modes on the same time constant, which no descent parts again.
+    """
+    if point.frame.far:
+        return [None]
+    length = float(np.max(np.abs(point.move), initial=0.0))
+    return [point.move, *([point.move * (_FAR / length)] if length > _FAR else []), None]
 
 
 def _hopeless(reached: float, n: int) -> float:

@@ -1,0 +1,66 @@
+"""Parameters that the recordings say little of: their width is the prior's, and what names the effect stays."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.mismatch.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.refit import bounds, prior_derivatives
+from bayes_dea.mismatch.relabel import within
+from bayes_dea.mismatch.ridge import posterior
+from bayes_dea.mismatch.weigh import Weighed, own_index
+
+MULLINS = {"mullins_share": 0.05, "mullins_m_Pa": 10.0, "mullins_b": 0.3}
+
+
+@pytest.fixture
+def softened(diagnosed):
+    return diagnosed("mullins_softening", MULLINS, seed=2)
+
+
+def test_a_flat_prior_is_as_wide_as_its_box(softened):
+    problem = softened.corrected.problem
+    low, high = bounds(problem)
+    _, _, curvature = prior_derivatives(problem, softened.corrected.q)
+    i = problem.names.index("log mullins_m_Pa")
+    assert curvature[i, i] == pytest.approx(12.0 / (high[i] - low[i]) ** 2, rel=1e-6)
+
+
+def test_a_parameter_that_nothing_tells_keeps_the_width_of_its_prior(softened):
+    """Of m the recordings say next to nothing: the maximum at the end of its prior is no answer."""
+    s = softened.summary
+    assert s["verdict"] == "mullins_softening"
+    found = s["hypotheses"][0]["parameters"]
+    m = found["mullins_m_Pa"]
+    assert m["q05"] < 10.0 < m["q95"]
+    assert m["q95"] > 5 * m["q05"]
+    assert found["mullins_share"]["q05"] < 0.05 < found["mullins_share"]["q95"]
+    # its evidence is finite and what draws give, not the average over a grid
+    w = softened.naming.weighed["mullins_softening"]
+    assert np.isfinite(w.fit.log_evidence)
+    assert w.log_evidence == pytest.approx(w.fit.log_evidence, abs=3.0)
+
+
+def test_draws_of_a_narrow_posterior_are_laplace(diagnosed):
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    fit = result.corrected
+    own = own_index(result.base, fit.problem.model)
+    theta, weight = posterior(fit, own, np.random.default_rng(2))
+    mean = float(weight @ theta[:, 0])
+    sd = np.sqrt(float(weight @ (theta[:, 0] - mean) ** 2))
+    i = int(own[0])
+    laplace = np.sqrt(fit.covariance[i, i])
+    assert mean == pytest.approx(fit.q[i], abs=0.15 * laplace)
+    assert sd == pytest.approx(laplace, rel=0.15)
+
+
+def test_what_only_the_simpler_model_has_starts_at_its_priors_median(diagnosed):
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    fit = result.corrected
+    found = Weighed(("series_resistance",), fit, fit.log_evidence, 0.1, 0.0)
+    # a parameter that the other does not have, R_leak_ohm
+    model = extended(result.base.problem.model, ["leakage"], effect_priors(["leakage"], result.assembled.campaign))
+    w = within(found, result.base, model, noise_prior(result.assembled))
+    assert w is not None
+    assert w.effects == ("leakage",)
+    assert np.isfinite(w.log_evidence)

@@ -1,0 +1,39 @@
+"""Rivals that promise nothing from where the base stands, because a mode of it does their work."""
+
+import numpy as np
+
+from bayes_dea.mismatch import search
+from bayes_dea.mismatch.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.weigh import Frame, screen
+
+
+def quiet(*_):
+    pass
+
+
+def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
+    """A lag of 1.2 ms, where the base is stuck with a mode far faster than the sampling in its place."""
+    result = diagnosed("sensor_lag", {"tau_s_s": 1.2e-3})
+    prior, base = noise_prior(result.assembled), result.base
+    campaign = result.assembled.campaign
+    model = base.problem.model
+    q = base.q.copy()
+    q[list(model.coordinate_names).index("log T_3")] = np.log(4e-5)
+    stuck = refit(base.problem, q, prior.start(), prior, max_steps=0, fit_noise=False)
+    grids = {n: screen([Frame(stuck)], extended(model, [n], effect_priors([n], campaign)), (n,))
+             for n in ("parallel_damper", "sensor_lag")}
+    leader = result.naming.weighed["parallel_damper"].fit
+    assert leader is not base
+    found = search.overlooked(stuck, leader, [grids["sensor_lag"]], prior, quiet)
+    assert [w.name for _, w in found] == ["sensor_lag"]
+    lag = found[0][1]
+    assert abs(lag.fit.values()["tau_s_s"] / 1.2e-3 - 1) < 0.1
+    assert lag.fit.log_evidence > stuck.log_evidence + 100
+
+
+def test_nothing_is_looked_at_again_where_the_base_stays(diagnosed):
+    result = diagnosed("sensor_lag", {"tau_s_s": 1.2e-3})
+    prior = noise_prior(result.assembled)
+    assert search.overlooked(result.base, result.base, [], prior, quiet) == []
