@@ -29,6 +29,7 @@ from bayes_dea.checks.sbc import sbc_ranks
 from bayes_dea.find_map import find_map
 from bayes_dea.forward import simulate
 from bayes_dea.models.model import Model, build_model
+from bayes_dea.noise.stated import signal_size
 from bayes_dea.predict_recordings import conditional_gain
 from bayes_dea.sampling import sample_posterior
 
@@ -131,7 +132,8 @@ def draw_campaign(model: Model, design: Design, rng: np.random.Generator, wrong:
     for name, (kind, zeroed, t, voltage) in commands.items():
         clean[name] = simulate(model, physical, _recording(name, kind, zeroed, t, voltage, np.zeros(t.size)))
         noise[name] = ar1(t.size, wrong.sigma_factor * sigma, rho, rng)
-    largest = max(float(np.diff(np.quantile(clean[n] + noise[n], [0.001, 0.999]))[0]) for n in commands)
+    spans = [float(np.diff(np.quantile(clean[n] + noise[n], [0.001, 0.999]))[0]) for n in commands]
+    largest = max(signal_size(span, wrong.sigma_factor * sigma) for span in spans)
     systematic = design.accuracy_m / math.sqrt(3)
     gain_sd = systematic / largest
     gain = gain_sd * (wrong.gain_shift + float(rng.standard_normal()))
