@@ -35,6 +35,8 @@ def answers(model: Model, z: Array, recording: Recording, zero_m: float = 0.0) -
     nodes = make_nodes(recording, every_row=True) if recording.is_voltage else None
     for i in range(len(z)):
         plant = plant_of(model, {k: float(v[i]) for k, v in physical.items()}, recording.actuator)
+        if nodes is not None and nodes.temperature_C is None:
+            plant = plant.at_steady_temperature
         if nodes is not None:
             out[i] = simulate_nodes(plant, nodes)
         else:

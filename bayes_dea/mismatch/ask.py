@@ -50,7 +50,7 @@ def answer(
     if model.is_black_box and p.channel == "force":
         return None
     values = {k: float(v[0]) for k, v in model.physical(x[None, : model.dimension]).items()}
-    plant = plant_of(model, values, actuator)
+    plant = plant_of(model, values, actuator).at_steady_temperature
     rows = p.rows
     if p.column == "voltage_V":
         y = simulate_nodes(plant, make_nodes(p.recording, every_row=True))

@@ -144,6 +144,11 @@ class Plant:
                                    np.array([self.d0_Pa_s]))
         return float(D[0]), c[0], T[0]
 
+    @property
+    def at_steady_temperature(self) -> Plant:
+        """The plant in a recording that is planned: no temperature is known of it, and none is expected to change."""
+        return replace(self, alpha_T_m_per_K=0.0)
+
     @cached_property
     def without_circuit(self) -> Plant:
         """The material alone, as it is between plates."""

@@ -66,3 +66,11 @@ def test_plates_tell_nothing_of_electrical_effects():
     rivals = fit("series_resistance", R_s_ohm=3e5), fit("supply_dead_zone", V_dead_V=60.0)
     assert separation(*rivals, PLATES, ACTUATOR) == pytest.approx(0.0, abs=1e-6)
     assert separation(*rivals, EDGES, ACTUATOR) > 10.0
+
+
+def test_a_planned_recording_has_no_temperature():
+    warm = fit("thermal_expansion", alpha_T_m_per_K=3e-6)
+    y, _ = answer(warm, CREEP, ACTUATOR)
+    np.testing.assert_array_equal(y, answer(fit(), CREEP, ACTUATOR)[0])
+    assert next_experiment([warm, fit("sensor_lag", tau_s_s=0.02)], ["thermal_expansion", "sensor_lag"],
+                           ACTUATOR)["recording"]
