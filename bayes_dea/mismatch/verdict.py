@@ -14,6 +14,10 @@ from .reduced import Piece
 from .refit import Fit
 from .timing import as_timing
 
+#: something is claimed to be left out where "none" has no more probability than this. Before the recordings are seen it
+#: has a half; by Markov's inequality recordings of a model that lacks nothing then bring it so low with at most this
+#: probability, if what else there is was weighed with its priors
+FALSE_ALARMS = 0.01
 #: recordings that would show less than this share of the effects, however strong, tell nothing
 _SILENT = 0.25
 
@@ -41,9 +45,10 @@ def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolutio
 def verdict_of(
     naming: Naming, facts: list[Fact], step_s: float
 ) -> tuple[str, dict[str, float], dict[str, str], dict[str, float]]:
-    """The likeliest name, the probabilities with what is established joined on, the physics behind each name.
+    """The name that is claimed, the probabilities with what is established joined on, the physics behind each name.
 
-    And the shift in s, below one sample, that a name carries unsaid.
+    And the shift in s, below one sample, that a name carries unsaid. Claimed is the likeliest one, and none where
+    that is not ruled out (`FALSE_ALARMS`).
     """
     shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
@@ -58,7 +63,8 @@ def verdict_of(
             if name in delays:
                 delays[joined] = delays[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
-    return max(p, key=lambda k: p[k]), p, physics, delays
+    top = max(p, key=lambda k: p[k])
+    return NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays
 
 
 def _joined(name: str, more: str) -> str:

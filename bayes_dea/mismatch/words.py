@@ -33,6 +33,12 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
                 "The recordings differ from the model by less than one resolution step or by nothing that lasts; "
                 f"no physics is claimed ({confidence})."
             )
+        likelier = summary["hypotheses"][0]
+        if likelier["name"] != NONE:
+            return (
+                f"No physics is claimed ({confidence}): {likelier['name']} explains the recordings better (probability "
+                f"{likelier['probability']:.2g}), but by no more than chance may do; more recordings would tell."
+            )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
         line = _mains(assembled)

@@ -1,0 +1,43 @@
+"""What is claimed, given the probabilities."""
+
+from dataclasses import replace
+
+import pytest
+
+from bayes_dea.mismatch.timing import sample_step_s
+from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, verdict_of
+from bayes_dea.mismatch.words import statement
+
+
+@pytest.fixture
+def naming(diagnosed):
+    return diagnosed("series_resistance", {"R_s_ohm": 1.2e5}).naming
+
+
+def claimed(naming, probability, facts=()):
+    verdict, p, _, _ = verdict_of(
+        replace(naming, probability=probability), list(facts), sample_step_s(naming.none.weighed.fit))
+    return verdict, p
+
+
+@pytest.mark.parametrize(("none", "verdict"), [(0.4, "none"), (1.5 * FALSE_ALARMS, "none"),
+                                               (0.5 * FALSE_ALARMS, "series_resistance")])
+def test_an_effect_is_claimed_where_none_is_ruled_out(naming, none, verdict):
+    found, p = claimed(naming, {"none": none, "series_resistance": 1 - none})
+    assert found == verdict
+    assert p["none"] == pytest.approx(none)
+
+
+def test_mains_is_claimed_where_it_is_sure_to_exceed_a_step(naming):
+    assert claimed(naming, {"none": 1.0}, [Fact("mains_pickup", 0.6, {})])[0] == "none"
+    assert claimed(naming, {"none": 1.0}, [Fact("mains_pickup", 0.999, {})])[0] == "mains_pickup"
+
+
+def test_a_likelier_name_that_is_not_claimed_is_said(diagnosed):
+    result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
+    summary = {**result.summary, "verdict": "none", "confidence": 0.2, "warnings": [],
+               "hypotheses": [{"name": "series_resistance", "probability": 0.8}, {"name": "none", "probability": 0.2}]}
+    calm = replace(result.naming, none=replace(result.naming.none, scan=replace(result.naming.none.scan, p_value=0.4)))
+    text = statement(summary, calm, result.assembled, "none")
+    assert "No physics is claimed" in text
+    assert "series_resistance explains the recordings better (probability 0.8)" in text
