@@ -246,7 +246,7 @@ def _once(
     facts = facts_of(best.weighed.fit, seen.pieces, limit, resolution)
     step = sample_step_s(base)
     verdict, raw, physics, delays = verdict_of(naming, facts, step)
-    corrected = best.weighed.fit if physics[verdict] != NONE else base
+    corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
         mended = repair(best, looks)
@@ -259,12 +259,13 @@ def _once(
         scored = tuple(whole.get(p.name, p) for p in scored)
     proof, how = _proof(base, corrected, scored, prior, clip, in_turn, lambda *at: say("proving", *at))
     against = None
-    if verdict != UNKNOWN and naming.best.adequate:
-        # of what explains the recordings, claimed or not: a shift of less than a sample is part of it
-        explained = best.weighed.fit
+    explanation = naming.none if physics[verdict] == NONE else best
+    if verdict != UNKNOWN and explanation.adequate:
+        # with a shift of less than a sample, of which nothing is claimed
+        explained = corrected
         by_name = {p.name: p for p in seen.pieces}
-        explained = replace(explained, problem=replace(
-            explained.problem, pieces=tuple(by_name[p.name] for p in explained.problem.pieces)))
+        ours = tuple(by_name[p.name] for p in explained.problem.pieces)
+        explained = replace(explained, problem=replace(explained.problem, pieces=ours))
         say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
     lap("prove")
@@ -344,6 +345,12 @@ def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: T
     return top if top.log_weight > rival or not naming.best.adequate else None
 
 
+def named_fit(naming: Naming, name: str) -> Fit:
+    """The fit behind a name; of the best partial explanation where nothing on the list explains it."""
+    best = naming.best.weighed
+    return best.fit if name in (best.name, UNKNOWN) else naming.weighed[name].fit
+
+
 def _drawn(
     naming: Naming, name: str, base: Fit, rng: np.random.Generator, tell: Tell = silence
 ) -> tuple[Array, Array] | None:
@@ -351,9 +358,9 @@ def _drawn(
 
     Where modes may change places (`relabel`) every labelling counts, each by Laplace.
     """
-    if name not in naming.weighed or len(naming.labellings.get(name, ())) > 1:
+    if name in (NONE, UNKNOWN) or len(naming.labellings.get(name, ())) > 1:
         return None
-    fit = naming.weighed[name].fit
+    fit = named_fit(naming, name)
     own = own_index(base, fit.problem.model)
     return posterior(fit, own, rng, tell) if own.size else None
 

@@ -30,6 +30,15 @@ def test_what_only_recordings_to_validate_show_is_named_and_said():
     assert not any("no recording has role" in w for w in s["warnings"])
 
 
+def test_a_range_that_ends_above_all_recordings_to_identify_is_named():
+    """Clipped before the noise, so that no reading stands at the end; a rival that explains nothing hides nothing."""
+    clipped = concealed({"sensor_clipping": {"y_max_m": 2.8e-4, "clip_noise": 0.0}})
+    s = diagnose(with_roles(clipped, {"creep_1200V.csv", "triangle_1Hz.csv"}), "hooke+gm3").summary
+    assert s["verdict"] == "sensor_clipping"
+    y_max = s["hypotheses"][0]["parameters"]["y_max_m"]
+    assert y_max["q05"] < 2.8e-4 < y_max["q95"]
+
+
 def test_recordings_that_agree_are_not_looked_at_twice(diagnosed):
     for name, parameters in (("none", {}), ("series_resistance", {"R_s_ohm": 1.2e5})):
         result = diagnosed(name, parameters)
