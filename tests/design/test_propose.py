@@ -82,7 +82,10 @@ def test_a_plan_adds_less_with_each_step_and_narrows_more(made):
     steps = s["plan"]["experiments"]
     assert len(steps) == 2
     assert steps[0]["experiment"] == s["ranking"][0]["experiment"]
-    assert steps[1]["gain_per_hour"] <= steps[0]["gain_per_hour"] * 1.001
+    # gains are estimated from draws: what is stated as their standard error is what the order may be off by
+    first, second = ((e["gain_per_hour"], 3600 * e["se"] / e["cost_s"]) for e in steps)
+    assert second[0] <= first[0] + 2 * np.hypot(first[1], second[1])
+    assert np.hypot(first[1], second[1]) < 0.2 * first[0]
     assert all(s["intervals_after"]["plan"][k] <= v + 1e-9 for k, v in s["intervals_after"]["first"].items())
     assert min(s["intervals_after"]["first"].values()) < 0.9
     for name, (low, high) in s["intervals_after"]["first_range"].items():
