@@ -71,7 +71,11 @@ def integrated(
 def posterior(
     fit: Fit, own: NDArray[np.int64], rng: np.random.Generator, tell: Tell = silence
 ) -> tuple[Array, Array] | None:
-    """Draws (n, k) of the own parameters in coordinates and their weights (n,). None where draws do not do."""
+    """Draws (n, k) of the own parameters in coordinates and their weights (n,). None where draws do not do.
+
+    Far from the maximum the straight move of the rest is not its best place, and the density there is understated:
+    where modes of the base have to move by more than about one in their logs, intervals come out too narrow.
+    """
     root = _root(fit.covariance[np.ix_(own, own)])
     if root is None:
         return None
