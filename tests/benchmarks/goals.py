@@ -118,8 +118,8 @@ def markdown(r: Mapping[str, Any]) -> str:
         "",
         "Written by `python tests/benchmarks/run.py`; all numbers are in `benchmarks.json`. **Ratios** were taken",
         "within one run, methods in turn, medians over rounds, one thread, in processor time, and hardly depend on the",
-        "machine. Seconds are those of one machine that was shared with other work: an order of magnitude. Wall times",
-        "(start, loading, the whole command) are several times those of an idle machine.",
+        "machine. Seconds are those of one machine: an order of magnitude. Where the load average below is above 2,",
+        "it was shared with other work, and wall times (start, loading, the whole command) are several times longer.",
         "",
         f"Run: {r['meta']['date']}, {r['meta']['python']}, "
         + ", ".join(f"{k} {v}" for k, v in r["meta"]["versions"].items())
