@@ -88,13 +88,17 @@ def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
     base = f[0]
     if not np.isfinite(base):  # outside the prior
         return float(base), np.zeros(d), np.zeros((d, d))
-    f = np.where(np.isfinite(f), f, base)  # beyond a bound: flat, bounds are kept by the step itself
     up, down = f[1 : 2 * d + 1 : 2], f[2 : 2 * d + 2 : 2]
+    # beyond a bound straight on, and no curvature of the edge; bounds are kept by the step itself
+    up, down = np.where(np.isfinite(up), up, 2 * base - down), np.where(np.isfinite(down), down, 2 * base - up)
+    up, down = np.where(np.isfinite(up), up, base), np.where(np.isfinite(down), down, base)
     gradient = (up - down) / (2 * scale)
     H = np.diag((up + down - 2 * base) / scale**2)
     both = f[1 + 2 * d :]
     for n, (i, j) in enumerate(pairs):
         total = both[2 * n] + both[2 * n + 1] - 2 * base
+        if not np.isfinite(total):
+            continue
         cross = 0.5 * (total / (scale[i] * scale[j]) - H[i, i] * scale[i] / scale[j] - H[j, j] * scale[j] / scale[i])
         H[i, j] = H[j, i] = cross
     values, vectors = np.linalg.eigh(0.5 * (H + H.T))

@@ -3,51 +3,106 @@
 Laplace takes the posterior for normal. Where an effect has several parameters that the recordings hardly tell apart
 (a leak, its activation and the resistance before it), or one at the end of what its prior allows, that is wrong: by
 nats of evidence, and by many of its own standard deviations where the other end is as likely. Here the effect's own
-parameters are drawn from a Student t around the maximum, everything else is moved along linearly, and the weights give
-the integral and the posterior.
+parameters are drawn, from a Student t around the maximum and then from what was learned of it, everything else is moved
+along with them, and the weights give the integral and the posterior.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
-from .refit import Fit, bounds
+from ..errors import InputError
+from ..fit.mixture import Mixture, fit_mixture, joined
+from .refit import Fit, bounds, descend
 from .telling import Tell, silence
 from .weigh import Frame
 
 Array = NDArray[np.float64]
-#: standard normal points (n, k) and chi squared ones (n,), of n and k
-Points = Callable[[int, int], tuple[Array, Array]]
-#: degrees of freedom of the proposal, its widening, simulations of each round
-_DF, _WIDE, _ROUNDS = 4.0, 1.3, (40, 50, 70)
-#: effective draws below which the integral is not trusted, and below which the next round keeps what it has
-_LEAST, _LOST = 5.0, 2.0
+#: degrees of freedom of the first proposals, the widening of all, draws of each round for an integral
+_DF, _WIDE, _ROUNDS = 4.0, 1.3, (32, 64, 64)
+#: effective draws below which the integral is not trusted
+_LEAST = 5.0
 #: the same rounds for a posterior (powers of two, for points that fill evenly), the effective draws that are enough,
 #: and those below which Laplace stands
-_POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 256), 80.0, 25.0
+_POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 128, 128), 120.0, 25.0
+#: effective draws a parameter that the next proposal is fitted to, draws made of them, least variance of a component
+_FITTED, _RESAMPLED, _FLOOR = 10, 1000, 0.01
+#: how often the rest is moved again for a draw, and what (nats) another move may seem to gain without being made
+_CORRECTIONS, _STRAIGHT = 4, 1.0
+#: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times in
+#: all, with so many steps
+_WITHIN, _PLACES, _DESCENT = 12.0, 8, 6
 
 
 @dataclass(frozen=True)
-class _Round:
-    """Draws (n, k) of the own parameters, their log weights (n,), the effective number of them."""
+class _Student:
+    """A multivariate t: centre (k,), root (k, k) of its scale."""
+
+    centre: Array
+    root: Array
+
+    def at(self, normal: Array, chisquare: Array) -> Array:
+        """Draws (n, k) of standard normal (n, k) and chi squared ones (n,)."""
+        return np.asarray(self.centre + (normal / np.sqrt(chisquare / _DF)[:, None]) @ self.root.T)
+
+    def log_density(self, theta: Array) -> Array:
+        """(n, k) -> (n,), normalised."""
+        k = self.centre.size
+        z = np.linalg.solve(self.root, (theta - self.centre).T).T
+        return np.asarray(
+            gammaln(0.5 * (_DF + k)) - gammaln(0.5 * _DF) - 0.5 * k * math.log(_DF * math.pi)
+            - float(np.sum(np.log(np.diag(self.root)))) - 0.5 * (_DF + k) * np.log1p(np.sum(z * z, axis=1) / _DF)
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """Draws (n, k) of the own parameters from several proposals, log density (n,) but for a constant, and log weights.
+
+    Each draw is weighted by all proposals together (their balance, in shares of the draws): what an early, poor
+    proposal found stays of use, and no draw that it found by chance outweighs the rest.
+    """
 
     theta: Array
-    log_w: Array
-    effective: float
+    log_p: Array
+    proposals: tuple[tuple[int, _Student | Mixture], ...] = ()
 
-    @property
-    def share(self) -> Array:
-        """Weights (n,), which add up to one."""
-        w = np.exp(self.log_w - self.log_w.max())
+    def with_draws(self, theta: Array, log_p: Array, proposal: _Student | Mixture) -> _Pool:
+        """The same and further draws of another proposal."""
+        drawn = *self.proposals, (len(theta), proposal)
+        return _Pool(np.concatenate([self.theta, theta]), np.concatenate([self.log_p, log_p]), drawn)
+
+    @cached_property
+    def log_w(self) -> Array:
+        """Log weights (n,)."""
+        total = sum(n for n, _ in self.proposals)
+        log_q = logsumexp([math.log(n / total) + q.log_density(self.theta) for n, q in self.proposals], axis=0)
+        return np.asarray(self.log_p - log_q)
+
+    def share(self, power: float = 1.0) -> Array:
+        """Weights (n,), which add up to one; power: below one they are flattened."""
+        w = np.exp(power * (self.log_w - self.log_w.max()))
         return np.asarray(w / w.sum())
+
+    def effective(self, power: float = 1.0) -> float:
+        """Effective number of draws."""
+        return float(1.0 / np.sum(self.share(power) ** 2))
+
+    def flattened(self) -> Array:
+        """Weights (n,) flattened as far as a further proposal needs to be fitted to them."""
+        enough = _FITTED * self.theta.shape[1]
+        power = 1.0
+        while power > 0.02 and self.effective(power) < enough:
+            power *= 0.7
+        return self.share(power)
 
 
 def integrated(
@@ -59,11 +114,11 @@ def integrated(
         return None
     normal = 0.5 * own.size * math.log(2 * math.pi) + float(np.sum(np.log(np.diag(root))))
     found: tuple[float, float] | None = None
-    for r in _rounds(fit, own, root, _ROUNDS, partial(_normal_points, rng), tell):
-        n = r.log_w.size
-        if r.effective >= _LEAST:
-            se = math.sqrt(max(1.0 / r.effective - 1.0 / n, 0.0))
-            log_ratio = float(logsumexp(r.log_w) - math.log(n))
+    for pool in _rounds(fit, own, root, _ROUNDS, rng, tell):
+        n, effective = pool.log_w.size, pool.effective()
+        if effective >= _LEAST:
+            se = math.sqrt(max(1.0 / effective - 1.0 / n, 0.0))
+            log_ratio = float(logsumexp(pool.log_w) - math.log(n))
             found = fit.log_evidence + log_ratio - normal, max(se, 0.05)
     return found
 
@@ -71,70 +126,145 @@ def integrated(
 def posterior(
     fit: Fit, own: NDArray[np.int64], rng: np.random.Generator, tell: Tell = silence
 ) -> tuple[Array, Array] | None:
-    """Draws (n, k) of the own parameters in coordinates and their weights (n,). None where draws do not do.
-
-    Far from the maximum the straight move of the rest is not its best place, and the density there is understated:
-    where modes of the base have to move by more than about one in their logs, intervals come out too narrow.
-    """
+    """Draws (n, k) of the own parameters in coordinates and their weights (n,). None where draws do not do."""
     root = _root(fit.covariance[np.ix_(own, own)])
     if root is None:
         return None
-    best: _Round | None = None
-    for r in _rounds(fit, own, root, _POSTERIOR_ROUNDS, partial(_even_points, rng), tell):
-        if best is None or r.effective > best.effective:
-            best = r
-        if best.effective >= _ENOUGH:
+    pool = None
+    for pool in _rounds(fit, own, root, _POSTERIOR_ROUNDS, rng, tell):
+        if pool.effective() >= _ENOUGH:
             break
-    return None if best is None or best.effective < _SOME else (best.theta, best.share)
+    return None if pool is None or pool.effective() < _SOME else (pool.theta, pool.share())
+
+
+class _Place:
+    """Somewhere on the ridge: everything but the effect's own parameters, and the sensitivities that it has there."""
+
+    def __init__(self, fit: Fit, own: NDArray[np.int64]) -> None:
+        """own: indices (k,) of the effect's parameters."""
+        self.fit, self.own = fit, own
+        self.frame = Frame(fit)
+        self.rest = np.setdiff1d(np.arange(fit.q.size), own)
+        self.H = self.frame.H[np.ix_(self.rest, self.rest)]
+        self.along = -np.linalg.lstsq(self.H, self.frame.H[np.ix_(self.rest, own)], rcond=1e-13)[0]
+
+    @property
+    def theta(self) -> Array:
+        """The own parameters (k,) here."""
+        return self.fit.q[self.own]
+
+    def led_to(self, theta: Array) -> tuple[Array, float, float]:
+        """Coordinates (d,) with other own parameters (k,), minus log posterior there, and what is left to gain.
+
+        Moved along a straight line, the rest is far from its best where the ridge bends, and how far is only known once
+        it has been moved again. The sensitivities stay those of this place: as what the readings leave is noise, the
+        point at which they have nothing left to gain hardly depends on them.
+        """
+        q = self.fit.q.copy()
+        q[self.rest] += self.along @ (theta - self.theta)
+        q[self.own] = theta
+        value, gain, move = self._at(q)
+        for _ in range(_CORRECTIONS):
+            if gain < _STRAIGHT:
+                break
+            there = q.copy()
+            there[self.rest] += move
+            new = self._at(there)
+            if not new[0] < value:
+                break
+            q, (value, gain, move) = there, new
+        return q, value, gain
+
+    def _at(self, q: Array) -> tuple[float, float, Array]:
+        """Minus log posterior (without log det terms) at q; what moving the rest seems to gain, and the move."""
+        nothing = math.inf, 0.0, np.zeros(self.rest.size)
+        log_prior = float(self.fit.problem.log_prior(q)[0])
+        if not math.isfinite(log_prior):
+            return nothing
+        clean = self.fit.problem.clean(q)
+        if not all(np.isfinite(x).all() for x in clean):
+            return nothing
+        rr, cross = self.frame.residual(clean, q)
+        cross = (cross - self.frame.gradient - self.frame.curvature @ (q - self.fit.q))[self.rest]
+        move = np.asarray(np.linalg.lstsq(self.H, cross, rcond=1e-13)[0], dtype=float)
+        return -log_prior + 0.5 * rr, 0.5 * float(cross @ move), move
+
+    def fitted(self, q: Array) -> _Place | None:
+        """The place with the own parameters of q (d,), the rest fitted from there; None where there is no answer."""
+        low, high = bounds(self.fit.problem)
+        q = np.clip(q, low, high)
+        low[self.own] = high[self.own] = q[self.own]
+        end = descend(self.fit.problem, q, self.fit.noise, low, high, _DESCENT, 0.1, None)
+        if end is None:
+            return None
+        return _Place(replace(self.fit, q=end.q, clean=end.clean, slopes=end.slopes), self.own)
+
+
+class _Ridge:
+    """Minus log density of an effect's own parameters, the rest integrated out; it learns where the ridge bends."""
+
+    def __init__(self, fit: Fit, own: NDArray[np.int64], root: Array) -> None:
+        """own: indices (k,) of the effect's parameters; root (k, k): of a covariance that distances are measured in."""
+        self.root = root
+        self.places = [_Place(fit, own)]
+        self.least = self.places[0].led_to(fit.q[own])[1]
+
+    def minus_log_density(self, theta: Array) -> float:
+        """At own parameters (k,), but for a constant."""
+        away = [np.sum(np.linalg.solve(self.root, theta - p.theta) ** 2) for p in self.places]
+        nearest = self.places[int(np.argmin(away))]
+        q, value, gain = nearest.led_to(theta)
+        if gain > _STRAIGHT and value - gain < self.least + _WITHIN and len(self.places) < _PLACES:
+            place = nearest.fitted(q)
+            if place is not None:
+                self.places.append(place)
+                q, value, gain = place.led_to(theta)
+        self.least = min(self.least, value)
+        return value - min(gain, _STRAIGHT)
 
 
 def _rounds(
-    fit: Fit, own: NDArray[np.int64], start: Array, counts: tuple[int, ...], points: Points, tell: Tell
-) -> Iterator[_Round]:
-    """Rounds of draws, each where the one before has found the weight; start (k, k): root of the first's covariance."""
-    frame = Frame(fit)
+    fit: Fit, own: NDArray[np.int64], start: Array, counts: tuple[int, ...], rng: np.random.Generator, tell: Tell
+) -> Iterator[_Pool]:
+    """All draws after each round, which draws where those before have found the weight.
+
+    start (k, k): root of the first proposal's covariance.
+    """
     low, high = bounds(fit.problem)
-    rest = np.setdiff1d(np.arange(fit.q.size), own)
-    H_rest = frame.H[np.ix_(rest, rest)]
-    along = -np.linalg.lstsq(H_rest, frame.H[np.ix_(rest, own)], rcond=1e-13)[0]
-    here = _value(frame, fit, fit.q, rest, H_rest)
-    centre, root = fit.q[own], _WIDE * start
-    done = 0
+    ridge = _Ridge(fit, own, start)
+    here = ridge.least
+    proposal: _Student | Mixture = _Student(fit.q[own], _WIDE * start)
+    pool = _Pool(np.empty((0, own.size)), np.empty(0))
     for n in counts:
-        theta, log_q = _student(centre, root, *points(n, own.size))
-        inside = np.all((theta > low[own]) & (theta < high[own]), axis=1)
-        log_w = np.full(n, -np.inf)
-        for i in np.flatnonzero(inside):
+        done = len(pool.theta)
+        if isinstance(proposal, Mixture):
+            theta = proposal.draw(n, rng)
+        else:
+            theta = proposal.at(*_even_points(rng, n, own.size))
+        log_p = np.full(n, -np.inf)
+        for i in np.flatnonzero(np.all((theta > low[own]) & (theta < high[own]), axis=1)):
             tell(done + int(i), sum(counts), "")
-            q = fit.q.copy()
-            q[own] = theta[i]
-            q[rest] += along @ (theta[i] - fit.q[own])
-            log_w[i] = here - _value(frame, fit, q, rest, H_rest) - log_q[i]
-        done += n
-        if not np.isfinite(log_w).any():
+            log_p[i] = here - ridge.minus_log_density(theta[i])
+        if not np.isfinite(log_p).any():
             return
-        w = np.exp(log_w - log_w.max())
-        r = _Round(theta, log_w, float(w.sum() ** 2 / np.sum(w**2)))
-        yield r
-        mean = r.share @ theta
-        spread = (r.share[:, None] * (theta - mean)).T @ (theta - mean)
-        better = _root(spread + 0.05 * start @ start.T)
-        if better is None or r.effective < _LOST:
-            continue
-        centre, root = mean, _WIDE * better
+        pool = pool.with_draws(theta, log_p, proposal)
+        yield pool
+        proposal = _next(pool, proposal, start, rng)
 
 
-def _value(frame: Frame, fit: Fit, q: Array, rest: NDArray[np.int64], H_rest: Array) -> float:
-    """Minus log posterior (without log det terms) at q with everything but the effect's own moved to its best."""
-    log_prior = float(fit.problem.log_prior(q)[0])
-    if not math.isfinite(log_prior):
-        return math.inf
-    clean = fit.problem.clean(q)
-    if not all(np.isfinite(x).all() for x in clean):
-        return math.inf
-    rr, cross = frame.residual(clean, q)
-    cross = cross - frame.gradient - frame.curvature @ (q - fit.q)
-    return -log_prior + 0.5 * rr - 0.5 * float(cross[rest] @ np.linalg.lstsq(H_rest, cross[rest], rcond=1e-13)[0])
+def _next(pool: _Pool, before: _Student | Mixture, start: Array, rng: np.random.Generator) -> _Student | Mixture:
+    """Where to draw after these: a t, then mixtures; start (k, k): root of the covariance at the maximum."""
+    w = pool.flattened()
+    mean = w @ pool.theta
+    spread = (w[:, None] * (pool.theta - mean)).T @ (pool.theta - mean)
+    simple = _root(spread + 0.05 * start @ start.T)
+    if len(pool.proposals) > 1:
+        again = rng.choice(len(w), size=_RESAMPLED, p=w)
+        try:
+            return joined([fit_mixture(pool.theta[again], rng, (1, 2, 4, 8), _FLOOR)], np.ones(1), _WIDE)
+        except InputError:
+            pass
+    return before if simple is None else _Student(mean, _WIDE * simple)
 
 
 def _root(covariance: Array) -> Array | None:
@@ -147,23 +277,10 @@ def _root(covariance: Array) -> Array | None:
         return None
 
 
-def _normal_points(rng: np.random.Generator, n: int, k: int) -> tuple[Array, Array]:
-    """Draws of k standard normal variables (n, k), and of chi squared (n,)."""
-    return rng.standard_normal((n, k)), rng.chisquare(_DF, n)
-
-
 def _even_points(rng: np.random.Generator, n: int, k: int) -> tuple[Array, Array]:
-    """The same, filling evenly (a scrambled Sobol sequence): quantiles then scatter less than those of n draws."""
+    """Standard normal variables (n, k) and chi squared ones (n,) that fill evenly (a scrambled Sobol sequence).
+
+    Quantiles then scatter less than those of n draws.
+    """
     u = np.clip(qmc.Sobol(k + 1, rng=rng).random(n), 1e-9, 1 - 1e-9)
     return ndtri(u[:, :k]), np.asarray(chi2.ppf(u[:, k], _DF))
-
-
-def _student(centre: Array, root: Array, normal: Array, chisquare: Array) -> tuple[Array, Array]:
-    """Draws (n, k) of a multivariate t and their log density (n,)."""
-    k = centre.size
-    z = normal / np.sqrt(chisquare / _DF)[:, None]
-    log_q = (
-        gammaln(0.5 * (_DF + k)) - gammaln(0.5 * _DF) - 0.5 * k * math.log(_DF * math.pi)
-        - float(np.sum(np.log(np.diag(root)))) - 0.5 * (_DF + k) * np.log1p(np.sum(z * z, axis=1) / _DF)
-    )  # fmt: skip
-    return centre + z @ root.T, np.asarray(log_q)
