@@ -51,6 +51,8 @@ _FOUND, _FOLLOWING = 5.0, 3
 _MOVED = 1.0
 #: nats behind the leading one within which a single effect may be the first of a pair in its place, and how many
 _ALIKE, _PARTNERS = 30.0, 3
+#: share of what a grid promises for an effect from which on another is tried in its place, and how many are
+_PROMISING, _IN_PLACE = 0.4, 5
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -227,10 +229,10 @@ def second_thoughts(
 ) -> list[Weighed]:
     """Rivals that are looked for from where an explanation stands.
 
-    Of several effects each is left out: a fit of one alone may have ended where the other was needed. An effect that
-    contains another is put back to that one. A mode of the
-    base may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far
-    faster than the sampling is a damper), and then that effect is looked for in its place.
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two the
+    one found second gets another beside it. An effect that contains another is put back to that one. A mode of the base
+    may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far faster
+    than the sampling is a damper), and then that effect is looked for in its place.
     """
     out: list[Weighed] = []
     laws = {**overrides, **law_of(w)}
@@ -245,8 +247,12 @@ def second_thoughts(
         say("leaving one out", k, steps, "+".join(effects))
         m = extended(model, effects, laws)
         alone = within(w, base, m, prior) if m is not None else None
-        if alone is not None:
-            out.append(alone)
+        if alone is None:
+            continue
+        out.append(alone)
+    if len(w.effects) == 2 and len(out) > 1:
+        second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
+        out += beside_the_second(w, second, base, model, names, prior, overrides, say)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
         return out
@@ -280,11 +286,45 @@ def beside(
     for k, name in enumerate(rest):
         effects = tuple(sorted((*best.effects, name), key=order.index))
         say("weighing pairs", k, len(rest), "+".join(effects))
+        for variant in ({}, VARIANTS[name]) if name in VARIANTS else ({},):
+            m = extended(model, effects, {**overrides, **variant})
+            s = screen([frame], m, effects, sparse=True) if m is not None else None
+            if s is not None:
+                found.append(s)
+    return list((refined(best.fit, found, prior, say, 1, rng) or {}).values())
+
+
+def beside_the_second(
+    pair: Weighed, alone: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior,
+    overrides: Mapping[str, object], say: Report,
+) -> list[Weighed]:
+    """Pairs of the effect that was found second with another than the one found first.
+
+    What leads alone does some of the second one's work, too; beside that one another may do better.
+    alone: the second effect of `pair`, fitted without the first.
+    """
+    frame = Frame(alone.fit)
+    order = list(registered_effects())
+    overrides = {**overrides, **law_of(alone)}
+    found = []
+    for name in names:
+        if name in alone.effects or any({name, e} == SAME for e in alone.effects):
+            continue
+        effects = tuple(sorted((*alone.effects, name), key=order.index))
         m = extended(model, effects, overrides)
         s = screen([frame], m, effects, sparse=True) if m is not None else None
         if s is not None:
             found.append(s)
-    return list((refined(best.fit, found, prior, say, 1, rng) or {}).values())
+    # what the grid promises is compared with what it promises for the one that was found, not with what that reached
+    least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)
+    likely = [s for s in sorted(found, key=lambda s: -s.gain) if s.effects != pair.effects and s.gain > max(least, 1.0)]
+    out = []
+    for k, s in enumerate(likely[:_IN_PLACE]):
+        say("weighing pairs", k, len(likely), "+".join(s.effects))
+        w = refine(alone.fit, s, prior, 1, pair.value)
+        if w is not None:
+            out.append(replace(w, size_m=effect_size(base, w.fit)))
+    return out
 
 
 def in_place_of_the_first(
