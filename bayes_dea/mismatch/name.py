@@ -36,6 +36,8 @@ _VISIBLE = 5.0
 _WORTH_LABELLING = 0.01
 #: nats by which a fit from elsewhere has to beat the one that was weighed
 _CLEARLY = 10.0
+#: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
+_STEP = 0.05
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,9 @@ def name_physics(
             break
         if spoiled is not None and spoiled(top.fit):
             return None
+        left_over = excess(best.weighed.fit, prior)
+        if left_over - excess(top.fit, prior) < _STEP * left_over:
+            break
         top = thoughts(top)
         best = explain(top, looks, columns, rng, prior, left)
         others.append(best)
@@ -218,6 +223,12 @@ def name_physics(
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
     return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, labelled, visible)
+
+
+def excess(fit: Fit, prior: NoisePrior) -> float:
+    """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean."""
+    chi2 = float(fit.problem.gram(fit.q, prior.start(), with_jacobian=False)[0][0, 0])
+    return 0.5 * (chi2 - sum(p.blocks.n for p in fit.problem.pieces))
 
 
 def weigh_delay(
