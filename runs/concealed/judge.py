@@ -2,7 +2,8 @@
 
     python runs/concealed/judge.py STUDY --none NONE --out reports/concealed
 
-STUDY and NONE are folders of study.py (NONE: campaigns in which nothing was concealed, for the false alarms).
+STUDY and NONE are folders of study.py (NONE: campaigns in which nothing was concealed, for the false alarms), or packed
+rows that an earlier judgement kept; several of each may be given, of the same seed the last counts.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scores import NAMEABLE_NATS, read_rows, scores
+from kept import packed
+from scores import NAMEABLE_NATS, Row, read_rows, scores
 
 from bayes_dea import __version__
 from bayes_dea.mismatch.confidence import confidence_of
 from bayes_dea.report.style import BLACK, BLUE, GREY, ORANGE, Picture, looks, new_figure, picture
-from bayes_dea.results import write_json, write_text
+from bayes_dea.results import write_bytes, write_json, write_text
 
 HERE = Path(__file__).resolve().parent
 
@@ -113,22 +115,28 @@ def share(r: dict[str, Any]) -> str:
     return f"{100 * r['rate']:.1f} % ({r['hits']} of {r['n']}; {100 * low:.0f} to {100 * high:.0f} %)"
 
 
+def rows_of(places: list[Path]) -> list[Row]:
+    """Rows of folders of study.py and of packed files, by seed."""
+    found = {r["seed"]: r for p in places for r in read_rows(p / "rows.jsonl" if p.is_dir() else p)}
+    return [found[s] for s in sorted(found)]
+
+
 def main() -> None:
     """Command line."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", type=Path)
-    parser.add_argument("--none", type=Path, help="folder of campaigns without anything concealed")
+    parser.add_argument("study", type=Path, nargs="+")
+    parser.add_argument("--none", type=Path, nargs="*", default=[], help="campaigns without anything concealed")
     parser.add_argument("--out", type=Path, default=Path("reports/concealed"))
     a = parser.parse_args()
     # by the map that is in force, whichever was when the campaign was diagnosed
-    rows = [r | {"confidence": confidence_of(r["raw"], r["set"])} if "raw" in r else r
-            for r in read_rows(a.study / "rows.jsonl")]
+    rows = [r | {"confidence": confidence_of(r["raw"], r["set"])} if "raw" in r else r for r in rows_of(a.study)]
     if not rows:
-        parser.error(f"{a.study}: no rows.jsonl with campaigns; run study.py first")
+        parser.error(f"{a.study[0]}: no rows.jsonl with campaigns; run study.py first")
     s = scores(rows)
-    none = scores(read_rows(a.none / "rows.jsonl")) if a.none else None
+    nothing = rows_of(a.none)
+    none = scores(nothing) if nothing else None
     alarms = none["false_alarms"] if none else s["false_alarms"]
     with looks():
         pictures = [reliability_picture(s), power_picture(s), confusion_picture(s)]
@@ -136,6 +144,8 @@ def main() -> None:
         loader=FileSystemLoader(HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     ).get_template("page.html.j2")
     a.out.mkdir(parents=True, exist_ok=True)
+    write_bytes(a.out / "rows.jsonl.gz", packed(rows))
+    write_bytes(a.out / "none.jsonl.gz", packed(nothing))
     write_json(a.out / "scores.json", {"version": __version__, "study": s, "none": none})
     write_text(a.out / "report.html", page.render(s=s, alarms=alarms, share=share, pictures=pictures,
                                                   nats=NAMEABLE_NATS, version=__version__))

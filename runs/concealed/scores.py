@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -47,9 +48,12 @@ class Rate:
 
 
 def read_rows(file: Path) -> list[Row]:
-    """Rows by seed; the last line may be cut off by an interruption."""
+    """Rows by seed, of a rows.jsonl or a packed one; the last line may be cut off by an interruption."""
+    text = ""
+    if file.is_file():
+        text = gzip.decompress(file.read_bytes()).decode() if file.suffix == ".gz" else file.read_text(encoding="utf-8")
     rows: dict[int, Row] = {}
-    for line in file.read_text(encoding="utf-8").splitlines() if file.is_file() else []:
+    for line in text.splitlines():
         try:
             row = json.loads(line)
         except json.JSONDecodeError:
@@ -187,6 +191,7 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     seconds = sorted(float(r["seconds"]) for r in done)
     return {
         "campaigns": len(rows), "failed": len(rows) - len(done), "seeds": [r["seed"] for r in rows],
+        "codes": dict(Counter(str(r.get("code")) for r in rows)),
         "groups": {g: {"n": len(v), "right": rate(v, hit).json(), "in_set": rate(v, in_set).json()}
                    for g, v in by.items()},
         "nameable": {"nats": NAMEABLE_NATS, "right": rate(strong, hit).json(), "in_set": rate(strong, in_set).json(),

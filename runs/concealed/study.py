@@ -57,12 +57,13 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
     import warnings
 
     warnings.simplefilter("ignore")
+    from kept import code_digest
     from lead import lead_of
 
     from bayes_dea.bench.concealed import draw_case
     from bayes_dea.mismatch.diagnosis import diagnose
 
-    row: dict[str, Any] = {"seed": seed, "kind": kind}
+    row: dict[str, Any] = {"seed": seed, "kind": kind, "code": code_digest()}
     try:
         case = draw_case(seed, kind)
         row |= {

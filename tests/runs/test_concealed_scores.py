@@ -12,6 +12,7 @@ import pytest
 CONCEALED = Path(__file__).resolve().parents[2] / "runs" / "concealed"
 sys.path.insert(0, str(CONCEALED))
 
+import kept  # noqa: E402
 import learn  # noqa: E402
 import scores  # noqa: E402
 
@@ -125,3 +126,34 @@ def test_a_map_is_not_learned_on_seeds_that_are_scored(tmp_path):
     )  # fmt: skip
     assert done.returncode == 2
     assert not (tmp_path / "map.toml").exists()
+
+
+def test_kept_rows_give_the_same_scores(tmp_path):
+    rows = [r | {"code": "abc"} for r in ROWS] + [{"seed": 8, "truth": "none", "error": "ValueError", "code": "abd"}]
+    file = tmp_path / "rows.jsonl.gz"
+    file.write_bytes(kept.packed(rows))
+    assert file.read_bytes() == kept.packed(rows)
+    again = scores.read_rows(file)
+    assert scores.scores(again) == scores.scores(rows)
+    assert scores.scores(again)["codes"] == {"abc": 7, "abd": 1}
+
+
+def test_a_study_goes_on_from_rows_that_were_kept(tmp_path):
+    (tmp_path / "study").mkdir()
+    (tmp_path / "first.jsonl.gz").write_bytes(kept.packed(ROWS[:4]))
+    lines = [json.dumps(r) for r in ROWS[3:]]
+    (tmp_path / "study" / "rows.jsonl").write_text("\n".join(lines) + "\n")
+    words = ["first.jsonl.gz", "study", "--none", "first.jsonl.gz", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, str(CONCEALED / "judge.py"), *words], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    judged = json.loads((tmp_path / "out" / "scores.json").read_text())
+    assert judged["study"]["seeds"] == [r["seed"] for r in ROWS]
+    assert [r["seed"] for r in scores.read_rows(tmp_path / "out" / "rows.jsonl.gz")] == [r["seed"] for r in ROWS]
+    assert judged["none"]["campaigns"] == 4
+
+
+def test_the_code_has_a_digest():
+    assert len(kept.code_digest()) == 12
+    assert kept.code_digest() == kept.code_digest()
