@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from ..noise.limit import find_limit, near_limit
 from .outliers import without
 from .prove import offset_and_gain
 from .reduced import Piece, again
 from .refit import Fit
+from .whitening import Noise
 
 if TYPE_CHECKING:
     from ..campaign.schema import Campaign
@@ -108,10 +110,21 @@ def expectations(fit: Fit, pieces: Sequence[Piece]) -> list[Array]:
     return [offset_and_gain(p, x)[0] for p, x in zip(pieces, problem.rows(fit.q), strict=True)]
 
 
-def lost_m(expected: Sequence[Array], pieces: Sequence[Piece], limit: Limit) -> float:
-    """Largest RMS (m) over recordings of what the limit cuts off, each recording's mean aside."""
+def lost_m(expected: Sequence[Array], pieces: Sequence[Piece], limit: Limit, noise: Noise) -> float:
+    """Largest RMS (m) over recordings of what the limit cuts off the readings, each recording's mean aside.
+
+    It cuts readings, their noise included: of one that is expected below the limit it takes what noise lifts above.
+    """
     worst = 0.0
     for piece, x in zip(pieces, expected, strict=True):
         if piece.channel == "displacement":
-            worst = max(worst, float(np.std(np.maximum(x - limit.value_m, 0.0)[np.isfinite(x)])))
+            first, second = moments_above(x[np.isfinite(x)] - limit.value_m, noise.of(piece)[0])
+            worst = max(worst, float(np.sqrt(max(second.mean() - first.mean() ** 2, 0.0))))
     return worst
+
+
+def moments_above(mean: Array, sd: float) -> tuple[Array, Array]:
+    """First and second moment (n,) of the part above zero of normal variables of means (n,)."""
+    z = mean / sd
+    share, density = ndtr(z), np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    return mean * share + sd * density, (mean * mean + sd * sd) * share + mean * sd * density

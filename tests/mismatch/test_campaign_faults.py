@@ -9,6 +9,7 @@ import pytest
 from concealed_campaigns import concealed
 
 import bayes_dea as bd
+from bayes_dea.mismatch.clipped import moments_above
 from bayes_dea.mismatch.diagnosis import diagnose
 
 
@@ -92,6 +93,24 @@ def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     assert s["confidence"] > 0.9
     if hold == "start":  # a whole sample: seen in these recordings
         assert 'timing: the recordings follow hold = "end", not "start"' in s["warnings"][0]
+
+
+def test_a_limit_just_above_what_is_expected_cuts_the_noise_of_readings_and_is_named():
+    """The actuator stays below 0.3 mm; what noise lifts above is cut off, and that is more than the resolution."""
+    c = concealed({"sensor_clipping": {"y_max_m": 3.0e-4, "clip_noise": 1.0}})
+    s = diagnose(c, "hooke+gm3").summary
+    assert s["verdict"] == "sensor_clipping"
+    y_max = s["hypotheses"][0]["parameters"]["y_max_m"]
+    assert y_max["q05"] <= 3.0e-4 <= y_max["q95"]
+
+
+def test_moments_of_what_lies_above_a_limit():
+    rng = np.random.default_rng(1)
+    mean = np.array([-20.0, -2.0, 0.0, 1.0, 30.0])
+    above = np.maximum(mean[:, None] + 1.5 * rng.standard_normal((5, 400_000)), 0.0)
+    first, second = moments_above(mean, 1.5)
+    assert first == pytest.approx(above.mean(axis=1), abs=0.01)
+    assert second == pytest.approx((above**2).mean(axis=1), rel=0.01, abs=0.01)
 
 
 def test_a_clipped_sensor_is_named_where_its_range_cuts_the_noise():
