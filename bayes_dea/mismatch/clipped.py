@@ -94,7 +94,7 @@ def restored(pieces: Sequence[Piece], campaign: Campaign, limit: Limit) -> tuple
 def below(pieces: Sequence[Piece], limit: Limit, fit: Fit) -> tuple[Piece, ...]:
     """The pieces with rows masked whose expected reading lies near the limit or above: free of selection by noise."""
     rows = {}
-    for piece, x in zip(pieces, expectations(fit, pieces), strict=True):
+    for piece, x in zip(pieces, expectations(fit, pieces, limit), strict=True):
         if piece.channel != "displacement":
             continue
         hit = piece.prepared.observed & (x > limit.value_m - _MARGIN * fit.noise.of(piece)[0])
@@ -104,10 +104,20 @@ def below(pieces: Sequence[Piece], limit: Limit, fit: Fit) -> tuple[Piece, ...]:
     return without(pieces, rows)
 
 
-def expectations(fit: Fit, pieces: Sequence[Piece]) -> list[Array]:
-    """Expected readings (n,) of pieces without a limit, each with its own offset and gain from the rows observed."""
+def beyond_reach(pieces: Sequence[Piece], limit: Limit, fit: Fit) -> tuple[Piece, ...]:
+    """The pieces whose readings the limit does not touch."""
+    rows = replace(fit.problem, pieces=tuple(pieces)).rows(fit.q)
+    return tuple(
+        p
+        for p, x in zip(pieces, rows, strict=True)
+        if p.channel != "displacement" or np.nanmax(x) < limit.value_m - _MARGIN * fit.noise.of(p)[0]
+    )
+
+
+def expectations(fit: Fit, pieces: Sequence[Piece], limit: Limit) -> list[Array]:
+    """Expected readings (n,) of pieces had the sensor no limit, offset and gain of each from what is below it."""
     problem = replace(fit.problem, pieces=tuple(pieces))
-    return [offset_and_gain(p, x)[0] for p, x in zip(pieces, problem.rows(fit.q), strict=True)]
+    return [offset_and_gain(p, x, limit.value_m)[0] for p, x in zip(pieces, problem.rows(fit.q), strict=True)]
 
 
 def lost_m(expected: Sequence[Array], pieces: Sequence[Piece], limit: Limit, noise: Noise) -> float:

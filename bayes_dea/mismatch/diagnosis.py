@@ -21,7 +21,7 @@ from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from . import second_look
 from .ask import first_experiment, next_experiment
-from .clipped import cut_out, restored, sensor_limit
+from .clipped import beyond_reach, cut_out, restored, sensor_limit
 from .features import Features, features
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
@@ -282,6 +282,7 @@ def _once(
         notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:
         held = tuple(p for p in scored if not p.identify)
+        held = held if limit is None else beyond_reach(held, limit, corrected)
         notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
     summary = summarise(

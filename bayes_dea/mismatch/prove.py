@@ -16,6 +16,8 @@ from .telling import Tell, silence
 from .whitening import whiten
 
 Array = NDArray[np.float64]
+#: sd of a recording's gain around one where its readings may not say
+_GAIN_SD = 0.1
 
 
 @dataclass(frozen=True)
@@ -131,15 +133,21 @@ def offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> tuple[
     A = np.concatenate([x[:, None], p.nuisance()], axis=1)
     scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
     A = A / scale
-    good = p.observed
+    if math.isinf(limit_m):
+        c, *_ = np.linalg.lstsq(A[p.observed], p.y[p.observed], rcond=None)
+        return A @ c, (float(c[0] / scale[0]), float(c[1] / scale[1]))
+    # rows expected at the limit or above tell no more than that. What is left may say nothing of the gain (a creep
+    # whose plateau is cut off): it is one within what sensors allow
     c = np.zeros(A.shape[1])
-    for _ in range(3 if math.isfinite(limit_m) else 1):
-        c, *_ = np.linalg.lstsq(A[good], p.y[good], rcond=None)
-        # rows expected at the limit or above tell no more than that
-        rest = p.y[good] - A[good] @ c
-        good = p.observed & (A @ c < limit_m - 3.0 * float(np.sqrt(np.mean(rest**2))))
+    c[0] = scale[0]
+    weight = p.quiet_sd / _GAIN_SD
+    prior = np.zeros((1, A.shape[1]))
+    prior[0, 0] = weight / scale[0]
+    for _ in range(4):
+        good = p.observed & (A @ c < limit_m - 3.0 * p.quiet_sd)
         if good.sum() < 20:
             break
+        c, *_ = np.linalg.lstsq(np.concatenate([A[good], prior]), np.append(p.y[good], weight), rcond=None)
     return A @ c, (float(c[0] / scale[0]), float(c[1] / scale[1]))
 
 

@@ -34,7 +34,7 @@ class Fact:
 def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution: float) -> list[Fact]:
     out = [Fact(MAINS, mains_probability(fit, resolution), {})]
     if limit is not None:
-        lost = lost_m(expectations(fit, pieces), pieces, limit, fit.noise)
+        lost = lost_m(expectations(fit, pieces, limit), pieces, limit, fit.noise)
         value, sd = limit.value_m, limit.sd_m
         spread = {"mean": value, "sd": sd, "q05": value - 1.5588 * sd, "q50": value, "q95": value + 1.5588 * sd}
         own = {"y_max_m": {**spread, "unit": "m", "map": value, "contraction": 1.0}}
