@@ -21,7 +21,7 @@ from scipy.stats import chi2, qmc
 
 from ..errors import InputError
 from ..fit.mixture import Mixture, fit_mixture, joined
-from .refit import Fit, bounds, descend
+from .refit import Fit, bounds, descend, inverse
 from .telling import Tell, silence
 from .weigh import Frame
 
@@ -40,6 +40,8 @@ _CORRECTIONS, _STRAIGHT = 4, 1.0
 #: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times in
 #: all, with so many steps
 _WITHIN, _PLACES, _DESCENT = 12.0, 8, 6
+#: first step along an arm in sds, steps at most, and nats below the maximum at which it ends
+_FIRST_STEP, _STEPS, _DEEP = 2.5, 6, 8.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def posterior(
     if root is None:
         return None
     pool = None
-    for pool in _rounds(fit, own, root, _POSTERIOR_ROUNDS, rng, tell):
+    for pool in _rounds(fit, own, root, _POSTERIOR_ROUNDS, rng, tell, arms=True):
         if pool.effective() >= _ENOUGH:
             break
     return None if pool is None or pool.effective() < _SOME else (pool.theta, pool.share())
@@ -224,11 +226,12 @@ class _Ridge:
 
 
 def _rounds(
-    fit: Fit, own: NDArray[np.int64], start: Array, counts: tuple[int, ...], rng: np.random.Generator, tell: Tell
+    fit: Fit, own: NDArray[np.int64], start: Array, counts: tuple[int, ...], rng: np.random.Generator, tell: Tell,
+    arms: bool = False,
 ) -> Iterator[_Pool]:
     """All draws after each round, which draws where those before have found the weight.
 
-    start (k, k): root of the first proposal's covariance.
+    start (k, k): root of the first proposal's covariance; arms: whether the second round looks along them.
     """
     low, high = bounds(fit.problem)
     ridge = _Ridge(fit, own, start)
@@ -249,7 +252,40 @@ def _rounds(
             return
         pool = pool.with_draws(theta, log_p, proposal)
         yield pool
-        proposal = _next(pool, proposal, start, rng)
+        if arms and len(pool.proposals) == 1 and own.size > 1:
+            proposal = _arms(ridge, own)
+        else:
+            proposal = _next(pool, proposal, start, rng)
+
+
+def _arms(ridge: _Ridge, own: NDArray[np.int64]) -> Mixture:
+    """Normals around the maximum and along the arms of the ridge, which may lead far from it.
+
+    Of a sum of two parameters each may be nearly all: in logarithms that is a corner with two arms. Each own parameter
+    is moved either way in steps that double, everything else fitted, until that costs too much.
+    """
+    fit = ridge.places[0].fit
+    low, high = bounds(fit.problem)
+    margin = 1e-6 * np.where(np.isfinite(high - low), high - low, 1.0)
+    centres, roots = [fit.q[own]], [ridge.root]
+    for i in own:
+        for sign in (-1.0, 1.0):
+            q, step = fit.q, _FIRST_STEP * math.sqrt(fit.covariance[i, i])
+            for _ in range(_STEPS):
+                x = min(max(q[i] + sign * step, low[i] + margin[i]), high[i] - margin[i])
+                a, b = low + margin, high - margin
+                a[i] = b[i] = x
+                end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.1, None)
+                if end is None or end.value > ridge.least + _DEEP:
+                    break
+                root = _root(inverse(end.gram[1:, 1:] + end.prior[2])[np.ix_(own, own)])
+                if root is not None:
+                    centres.append(end.q[own])
+                    roots.append(root)
+                if x in (low[i] + margin[i], high[i] - margin[i]):
+                    break
+                q, step = end.q, 2.0 * step
+    return Mixture(np.full(len(centres), 1.0 / len(centres)), np.array(centres), _WIDE * np.array(roots))
 
 
 def _next(pool: _Pool, before: _Student | Mixture, start: Array, rng: np.random.Generator) -> _Student | Mixture:
