@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from concealed_campaigns import concealed
 from scipy.interpolate import PchipInterpolator
 
+from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import bounds, descend, prior_derivatives
@@ -19,12 +21,12 @@ def softened(diagnosed):
     return diagnosed("mullins_softening", MULLINS, seed=1)
 
 
-def by_refits(fit):
+def by_refits(fit, most=40.0):
     """Quantiles 5, 50 and 95 % of m: everything else fitted at fixed values of it, and integrated by Laplace."""
     i = fit.problem.names.index("log mullins_m_Pa")
     rest = np.setdiff1d(np.arange(fit.q.size), [i])
     low, high = bounds(fit.problem)
-    at = np.linspace(low[i] + 1e-6, np.log(40.0), 14)
+    at = np.linspace(low[i] + 1e-6, np.log(most), 14)
     q, log_p = np.clip(fit.q, low, high), []
     for x in at:
         a, b = low.copy(), high.copy()
@@ -76,6 +78,15 @@ def test_a_parameter_that_nothing_tells_keeps_the_width_of_its_prior(softened):
     w = softened.naming.weighed["mullins_softening"]
     assert np.isfinite(w.fit.log_evidence)
     assert w.log_evidence == pytest.approx(w.fit.log_evidence, abs=3.0)
+
+
+def test_an_arm_of_the_ridge_is_not_forgotten():
+    """Softening depends on m + b W: either may be nearly all of it, and the maximum lies at one end of the ridge."""
+    mullins = {"mullins_share": 0.05, "mullins_m_Pa": 60.0, "mullins_b": 0.1}
+    result = diagnose(concealed({"mullins_softening": mullins}), "hooke+gm3", seed=1)
+    found = result.summary["hypotheses"][0]["parameters"]
+    for name, expected in zip(("q05", "q50", "q95"), by_refits(result.corrected, 120.0), strict=True):
+        assert np.log(found["mullins_m_Pa"][name]) == pytest.approx(np.log(expected), abs=0.25), name
 
 
 def test_draws_of_a_narrow_posterior_are_laplace(diagnosed):
