@@ -108,11 +108,11 @@ def confusion_picture(s: dict[str, Any]) -> Picture:
 
 
 def share(r: dict[str, Any]) -> str:
-    """`93.1 % (27 of 29; 77 to 99 %)`."""
+    """`93.1 % (27 of 29; 77.2 to 99.2 %)`."""
     if not r["n"]:
         return "no case"
     low, high = r["interval_95"]
-    return f"{100 * r['rate']:.1f} % ({r['hits']} of {r['n']}; {100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{100 * r['rate']:.1f} % ({r['hits']} of {r['n']}; {100 * low:.1f} to {100 * high:.1f} %)"
 
 
 def rows_of(places: list[Path]) -> list[Row]:
