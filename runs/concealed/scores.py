@@ -21,6 +21,8 @@ BINS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0 + 1e-12)
 STEPS = (1.0, 2.0, 5.0, 12.0, 30.0, 80.0, 1e9)
 #: nats by which the truth has to lead every rival to be called something that the recordings can name
 NAMEABLE_NATS = 340.0
+#: nats of lead below which the best equations of another effect are as good (odds of a hundred): only a set can be said
+ALIKE_NATS = 4.6
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,12 @@ def nameable(row: Row) -> bool:
     return bool((nats(row) if lead is None else lead) >= NAMEABLE_NATS)
 
 
+def _as_well(row: Row) -> bool:
+    """A rival explains the recordings as well. A sensor's limit is read off the readings, whatever explains them."""
+    lead = row.get("lead")
+    return lead is not None and lead < ALIKE_NATS and "sensor_clipping" not in row["truth"].split("+")
+
+
 def steps(row: Row) -> float:
     """Its size in resolution steps, on the recording most affected."""
     return float(row["sizes"].get("all", {}).get("steps", 0.0))
@@ -184,8 +192,10 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     by = {g: [r for r in done if group(r) == g] for g in ("none", "single", "pair", "unknown")}
     acting = by["single"] + by["pair"]
     strong = [r for r in acting if nameable(r)]
-    # something is seen, but a rival explains it as well, or nearly
-    alike = [r for r in acting if not nameable(r) and _detected(r)]
+    # something is seen, but a rival explains it as well, or nearly; and what lies between
+    weaker = [r for r in acting if not nameable(r) and _detected(r)]
+    alike = [r for r in weaker if _as_well(r)]
+    between = [r for r in weaker if not _as_well(r)]
     named = [r for r in acting if hit(r) and r["proof"].get("rmse_after_m") is not None]
     judged = strong + by["none"] + by["unknown"]
     seconds = sorted(float(r["seconds"]) for r in done)
@@ -198,6 +208,7 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
                      "largest_set": max((len(r["set"]) for r in strong), default=0)},
         "alike": {"in_set": rate(alike, in_set).json(), "largest_set": max((len(r["set"]) for r in alike), default=0),
                   "claimed_with_more_than_0.8": rate(alike, lambda r: r["confidence"] > 0.8).json()},
+        "between": {"right": rate(between, hit).json(), "in_set": rate(between, in_set).json()},
         "false_alarms": rate(by["none"], _detected).json(),
         "unknown_named": rate(by["unknown"], lambda r: r["verdict"] not in ("unknown", "none")).json(),
         "brier": brier(judged), "brier_raw": brier(judged, "raw"), "brier_all": brier(done),

@@ -59,12 +59,15 @@ def test_what_a_rival_explains_as_well_cannot_be_named():
         row(1, "leakage", "leakage", 0.9) | {"lead": 400.0},
         row(2, "parallel_damper", "sensor_lag", 0.9) | {"lead": -0.1},
         row(3, "sensor_lag", "parallel_damper", 0.5, ["parallel_damper", "sensor_lag"]) | {"lead": 0.0},
+        row(4, "leakage", "leakage", 0.95) | {"lead": 20.0},  # told, though by less than what is asked of a name
+        row(5, "sensor_clipping", "sensor_clipping", 0.95) | {"lead": -0.3},  # read off the readings
     ]
     s = scores.scores(rows)
     assert s["nameable"]["right"] == scores.Rate(1, 1).json()
     assert s["alike"]["in_set"] == scores.Rate(1, 2).json()
     assert s["alike"]["claimed_with_more_than_0.8"] == scores.Rate(1, 2).json()
     assert s["alike"]["largest_set"] == 2
+    assert s["between"]["right"] == scores.Rate(2, 2).json()
 
 
 def test_by_how_much_the_truth_leads(monkeypatch):
