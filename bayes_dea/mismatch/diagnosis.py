@@ -262,10 +262,9 @@ def _once(
     explanation = naming.none if physics[verdict] == NONE else best
     if verdict != UNKNOWN and explanation.adequate:
         # with a shift of less than a sample, of which nothing is claimed
-        explained = corrected
         by_name = {p.name: p for p in seen.pieces}
-        ours = tuple(by_name[p.name] for p in explained.problem.pieces)
-        explained = replace(explained, problem=replace(explained.problem, pieces=ours))
+        ours = tuple(by_name[p.name] for p in corrected.problem.pieces)
+        explained = replace(corrected, problem=replace(corrected.problem, pieces=ours))
         say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
     lap("prove")

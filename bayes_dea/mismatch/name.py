@@ -227,7 +227,7 @@ def name_physics(
 
 def excess(fit: Fit, prior: NoisePrior) -> float:
     """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean."""
-    chi2 = float(fit.problem.gram(fit.q, prior.start(), with_jacobian=False)[0][0, 0])
+    chi2 = float(fit.problem.sums(fit.q, prior.start(), fit.clean, [])[0][0, 0])
     return 0.5 * (chi2 - sum(p.blocks.n for p in fit.problem.pieces))
 
 

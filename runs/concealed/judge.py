@@ -145,7 +145,8 @@ def main() -> None:
     ).get_template("page.html.j2")
     a.out.mkdir(parents=True, exist_ok=True)
     write_bytes(a.out / "rows.jsonl.gz", packed(rows))
-    write_bytes(a.out / "none.jsonl.gz", packed(nothing))
+    if nothing:  # without them those of an earlier judgement stay
+        write_bytes(a.out / "none.jsonl.gz", packed(nothing))
     write_json(a.out / "scores.json", {"version": __version__, "study": s, "none": none})
     write_text(a.out / "report.html", page.render(s=s, alarms=alarms, share=share, pictures=pictures,
                                                   nats=NAMEABLE_NATS, version=__version__))

@@ -1,6 +1,6 @@
 """The rows of a study as they are kept beside its scores: small, and enough to make the scores again or to add to them.
 
-    python runs/concealed/judge.py reports/concealed/rows.jsonl.gz FURTHER --out reports/concealed
+    python runs/concealed/judge.py reports/concealed/rows.jsonl.gz FURTHER --none reports/concealed/none.jsonl.gz
 """
 
 from __future__ import annotations
@@ -10,16 +10,19 @@ import hashlib
 import io
 import json
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-Row = dict[str, Any]
+from scores import Row
+
 _AS_THEY_ARE = (
     "seed", "kind", "code", "truth", "concealed", "effects", "sizes", "verdict", "confidence", "raw", "set", "lead",
     "proof", "seconds", "p_value", "adequacy", "model", "mechanical", "error",
 )  # fmt: skip
 
 
+@cache
 def code_digest() -> str:
     """Digest of the package that diagnoses: rows of different ones are different versions."""
     import bayes_dea

@@ -34,6 +34,14 @@ def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
 
 
 def test_nothing_is_looked_at_again_where_the_base_stays(diagnosed):
+    """What waits would be found (it is the truth) were the base moved far enough."""
     result = diagnosed("sensor_lag", {"tau_s_s": 1.2e-3})
-    prior = noise_prior(result.assembled)
-    assert search.overlooked(result.base, result.base, [], prior, quiet) == []
+    prior, base = noise_prior(result.assembled), result.base
+    model = extended(base.problem.model, ["sensor_lag"], effect_priors(["sensor_lag"], result.assembled.campaign))
+    waiting = screen([Frame(base)], model, ("sensor_lag",))
+    assert waiting.gain > search._LEAST_GAIN  # what it takes to be refitted
+    assert search.overlooked(base, base, [waiting], prior, quiet) == []
+    elsewhere = base.q.copy()
+    elsewhere[list(base.problem.model.coordinate_names).index("log T_3")] -= 1.1
+    moved = refit(base.problem, elsewhere, prior.start(), prior, max_steps=0, fit_noise=False)
+    assert search.overlooked(base, moved, [waiting], prior, quiet)

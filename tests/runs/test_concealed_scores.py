@@ -155,6 +155,11 @@ def test_a_study_goes_on_from_rows_that_were_kept(tmp_path):
     assert judged["study"]["seeds"] == [r["seed"] for r in ROWS]
     assert [r["seed"] for r in scores.read_rows(tmp_path / "out" / "rows.jsonl.gz")] == [r["seed"] for r in ROWS]
     assert judged["none"]["campaigns"] == 4
+    # judged again without them, the campaigns with nothing concealed that were kept stay
+    before = (tmp_path / "out" / "none.jsonl.gz").read_bytes()
+    words = [sys.executable, str(CONCEALED / "judge.py"), "study", "--out", "out"]
+    subprocess.run(words, cwd=tmp_path, capture_output=True, check=True)
+    assert (tmp_path / "out" / "none.jsonl.gz").read_bytes() == before
 
 
 def test_the_code_has_a_digest():
