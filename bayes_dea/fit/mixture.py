@@ -15,6 +15,11 @@ from bayes_dea.errors import InputError
 
 Array = NDArray[np.float64]
 
+#: share of a coordinate's sd below which what the others leave of it is rounding
+_FLAT = 1e-7
+#: the same of its mean
+_ROUNDING = 1e-14
+
 
 @dataclass(frozen=True)
 class Mixture:
@@ -64,10 +69,14 @@ def fit_mixture(
     if n < max(10 * d, 20):
         raise InputError(f"mixture: {n} draws in {d} dimensions; give at least {max(10 * d, 20)}")
     centre = x.mean(axis=0)
+    spread = np.atleast_2d(np.cov(x, rowvar=False))
     try:
-        root = np.linalg.cholesky(np.atleast_2d(np.cov(x, rowvar=False)))
+        root = np.linalg.cholesky(spread)
     except np.linalg.LinAlgError:
-        raise InputError("mixture: draws lie in a subspace; leave out what is constant") from None
+        root = np.zeros((d, d))
+    # of a few draws many times over rounding leaves some variance across what they lie in
+    if not np.all(np.diag(root) > _FLAT * np.sqrt(np.diag(spread)) + _ROUNDING * np.abs(centre)):
+        raise InputError("mixture: draws lie in a subspace; leave out what is constant")
     # Whitened draws: one floor for covariances is then right in every direction.
     z = np.linalg.solve(root, (x - centre).T).T
     order = rng.permutation(n)
@@ -141,7 +150,10 @@ def _em(z: Array, k: int, rng: np.random.Generator, iterations: int = 60, floor:
     for _ in range(k - 1):
         # Far points first (k-means++), so that components start apart.
         near = np.min([np.sum((z - z[c]) ** 2, axis=1) for c in centres], axis=0)
+        if not near.any():  # fewer different draws than components
+            break
         centres.append(int(rng.choice(n, p=near / near.sum())))
+    k = len(centres)
     m = Mixture(np.full(k, 1.0 / k), z[centres], np.repeat(np.eye(d)[None] / np.sqrt(k), k, axis=0))
     if k == 1:
         iterations = 1

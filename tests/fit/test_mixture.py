@@ -1,7 +1,9 @@
 """The mixture that proposals are made of."""
 
 import numpy as np
+import pytest
 
+from bayes_dea.errors import InputError
 from bayes_dea.fit.mixture import fit_mixture
 
 
@@ -22,3 +24,22 @@ def test_branches_far_narrower_than_their_distance_are_not_blurred():
     weight = log_density(new) - mixture.log_density(new)
     weight = np.exp(weight - weight.max())
     assert weight.sum() ** 2 / np.sum(weight**2) > 0.9 * len(new)
+
+
+@pytest.mark.parametrize("different", [1, 2, 3])
+def test_a_few_draws_many_times_over_are_said_to_lie_in_a_subspace(different):
+    """As a pool of draws leaves them that one outweighs: no mixture can be fitted, and that is said."""
+    rng = np.random.default_rng(4)
+    points = 8.0 + rng.standard_normal((different, 4))
+    with pytest.raises(InputError, match="subspace"):
+        fit_mixture(points[rng.integers(different, size=600)], rng)
+
+
+def test_fewer_different_draws_than_components_are_no_obstacle():
+    """Components beyond the different draws have nowhere to begin."""
+    rng = np.random.default_rng(5)
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    x = points[rng.integers(3, size=600)]
+    mixture = fit_mixture(x, rng, (1, 2, 4, 8))
+    assert len(mixture.weights) <= 3
+    assert np.isfinite(mixture.log_density(x)).all()
