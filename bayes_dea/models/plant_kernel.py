@@ -447,8 +447,8 @@ def run(w, law_p, h, u0, u1, out):
                         v1 += dv * change
                 if good:
                     break
-                if abs(D) > 0.1 and not moving:
-                    D = math.copysign(0.1, D)
+                if abs(change) > 0.1 and not moving:
+                    D += math.copysign(0.1, change) - change
                 if not -5.0 < e + D < 0.95:
                     break
             grow = 2.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_reference import ACTUATOR, BASE, C0, FACTOR, LEVELS, STROKE, held, reference
+from scipy.optimize import brentq
 from scipy.signal import lfilter
 
 from bayes_dea.campaign import recording_from_arrays
@@ -298,6 +299,22 @@ def test_kelvin_voigt_is_its_maxwell_twin():
     a = simulate(build_model("hooke+gm3+series_resistance+strain_stiffening"), {**BASE, **more}, held())
     b = simulate(build_model("hooke+gkv3+series_resistance+strain_stiffening"), {**twin, **more}, held())
     assert np.abs(a - b).max() < 1e-11
+
+
+@pytest.mark.parametrize("strain", [0.09, 0.12, 0.25, 0.6])
+@pytest.mark.parametrize(("effect", "values", "law"), [
+    ("strain_stiffening", {"beta": 5.0}, lambda e, Y: Y * e * (1 + 5.0 * e * e)),
+    ("amplitude_softening", {"dE_Pa": 1e5, "e_c": 0.05}, lambda e, Y: Y * e + 1e5 * e / (1 + e / 0.05)),
+])
+def test_one_jump_of_the_voltage_may_strain_a_soft_stack_by_any_amount(strain, effect, values, law):
+    """A step of 1 kV on a material as soft as it takes: the closed form of the balance, and back to rest."""
+    recording = held(((0.01, 0.0), (0.02, 1000.0), (0.02, 0.0)))
+    stress = FACTOR * 1e6
+    Y = brentq(lambda Y: law(strain, Y) - stress, 1.0, 1e9)
+    found = simulate(build_model(f"hooke+{effect}"), {"Y_Pa": Y, **values}, recording) / STROKE
+    on = recording.columns["voltage_V"] > 0
+    assert found[on] == pytest.approx(strain, abs=1e-8)
+    assert found[~on] == pytest.approx(0.0, abs=1e-8)
 
 
 def test_a_curved_law_with_a_resistor():
