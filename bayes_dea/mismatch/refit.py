@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
 #: the noise may move this many sds of its prior: a wrong model must not excuse itself by it
 _NOISE_SDS = 8.0
-#: nats of misfit beyond that of noise from which on a descent may end coarser, by as much as the misfit is larger
-_FAR_OFF = 500.0
 
 
 @dataclass(frozen=True)
@@ -295,12 +293,8 @@ def _descended(
         return None
     damping, taken = 1e-6, 0
     decoupled = problem.decoupled
-    noise_alone = 0.5 * sum(p.blocks.n for p in problem.pieces)
-    finest = tolerance
     for _ in range(max_steps):
         value = prior[0] + 0.5 * gram[0, 0]
-        # what is far from an explanation need not be known to a part of a nat
-        tolerance = finest * max(1.0, (value - noise_alone) / _FAR_OFF)
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
         metric = _metric(H, prior[2], decoupled)
