@@ -38,6 +38,9 @@ _RAMP_SHARE, _RAMP_BLOCKS, _RAMP_PAIRS = 0.03, 60, 5
 #: part of the scatter of a position that comes out as force, in sds: straight lines through means of blocks smooth it
 #: (variance 0.59 in one block) and join neighbours (1 in the mean of many); one white noise stands for both
 _SHOWN = 0.9
+#: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
+#: times it may be that of the ramps
+_NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
 
 
 @dataclass(frozen=True)
@@ -215,7 +218,26 @@ def _stiffness(p: Prepared, position: Array, blocks: Blocks) -> Array:
             j = i + 1 + int(far[0])
             found.append((force[j] - force[i]) / (x[j] - x[i]) * (1.0 - 0.5 * (e[i] + e[j])) ** 2)
     at_rest = float(np.median(found)) if len(found) >= _RAMP_PAIRS else float(np.ptp(force)) / max(travel, 1e-9)
-    return np.asarray(_SHOWN * abs(at_rest) / (1.0 - e) ** 2)
+    ramps = abs(at_rest) / (1.0 - e) ** 2
+    return np.asarray(_SHOWN * np.clip(_slopes(x, force, _SEEN_TRAVEL * travel), ramps, _STIFFEST * ramps))
+
+
+def _slopes(x: Array, force: Array, least_m: float) -> Array:
+    """Size of the slope of the force by the position (nb,) about every block; zero where these hardly move.
+
+    Friction makes a stack several times stiffer for some hundredths of its travel after every reversal.
+    """
+    ones = np.ones(2 * _NEIGHBOURS + 1)
+
+    def around(v: Array) -> Array:
+        return np.convolve(v, ones, mode="same")
+
+    n = around(np.ones(x.size))
+    x, force = x - x.mean(), force - force.mean()
+    spread = around(x * x) - around(x) ** 2 / n
+    together = around(x * force) - around(x) * around(force) / n
+    moving = spread > n * least_m**2
+    return np.where(moving, np.abs(together) / np.where(moving, spread, 1.0), 0.0)
 
 
 def _mechanical_piece(
