@@ -26,7 +26,7 @@ from .relabel import FURTHER, labellings
 from .search import Report, beside, frames_of, in_place_of_the_first, on_grids, refined, second_thoughts, typical
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
-from .weigh import Frame, Screened, Weighed, size_elsewhere
+from .weigh import Frame, Screened, Weighed, excess, size_elsewhere
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,8 @@ _WORTH_LABELLING = 0.01
 _CLEARLY = 10.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
+#: share of it that has to remain at most, once nothing better takes its place, for a third effect to be looked for
+_REMAINS = 0.5
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,9 @@ def name_physics(
         top = thoughts(top)
         best = explain(top, looks, columns, rng, prior, left)
         others.append(best)
+        # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
+        if not best.adequate and excess(top.fit, prior) > _REMAINS * left_over:
+            break
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
@@ -223,12 +228,6 @@ def name_physics(
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
     return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, labelled, visible)
-
-
-def excess(fit: Fit, prior: NoisePrior) -> float:
-    """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean."""
-    chi2 = float(fit.problem.sums(fit.q, prior.start(), fit.clean, [])[0][0, 0])
-    return 0.5 * (chi2 - sum(p.blocks.n for p in fit.problem.pieces))
 
 
 def weigh_delay(

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
 #: the noise may move this many sds of its prior: a wrong model must not excuse itself by it
 _NOISE_SDS = 8.0
+#: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
+_FAR_OFF = 500.0
 
 
 @dataclass(frozen=True)
@@ -126,8 +128,12 @@ def refit(
     tolerance: float = 1e-3,
     fit_noise: bool = True,
     kept: Kept | None = None,
+    coarse: bool = False,
 ) -> Fit | None:
-    """Levenberg-Marquardt from q0; the noise is fitted in between. None where the model has no answer at q0."""
+    """Levenberg-Marquardt from q0; the noise is fitted in between. None where the model has no answer at q0.
+
+    coarse: what is far from an explanation need not be known to a part of a nat; for searches, not for proofs.
+    """
     low, high = bounds(problem)
     margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
     low, high = low + margin, high - margin
@@ -135,10 +141,11 @@ def refit(
     key = ""
     if journal.kept:
         about = None if kept is None else kept.key
-        key = digest("refit", problem.key, q0, noise.key, max_steps, tolerance, fit_noise, about)
+        key = digest("refit", problem.key, q0, noise.key, max_steps, tolerance, fit_noise, about, coarse)
         if key in journal:
             return _recalled(problem, journal[key], prior, margin, low, high)
-    found = _searched(problem, np.clip(q0, low, high), noise, prior, max_steps, tolerance, fit_noise, kept, low, high)
+    start = np.clip(q0, low, high)
+    found = _searched(problem, start, noise, prior, max_steps, tolerance, fit_noise, kept, low, high, coarse)
     if found is None:
         journal.put(key, None)
         return None
@@ -173,16 +180,17 @@ def _searched(
     kept: Kept | None,
     low: Array,
     high: Array,
+    coarse: bool,
 ) -> tuple[Array, Noise, int, State] | None:
     """Descents, and the noise in between: coordinates, noise, steps taken, and what was worked out there."""
     taken = 0
     if kept is not None:
         # on the way the base's sensitivities hardly change; at the end all are worked out
-        approached = descend(problem, q, noise, low, high, max_steps, 0.05, kept)
+        approached = descend(problem, q, noise, low, high, max_steps, 0.05, kept, coarse=coarse)
         if approached is None:
             return None
         q, taken = approached.q, approached.steps
-    ended = descend(problem, q, noise, low, high, max_steps, tolerance, None)
+    ended = descend(problem, q, noise, low, high, max_steps, tolerance, None, coarse=coarse)
     if ended is None:
         return None
     q, taken = ended.q, taken + ended.steps
@@ -252,16 +260,18 @@ def descend(
     tolerance: float,
     kept: Kept | None,
     hopeless_above: float = math.inf,
+    coarse: bool = False,
 ) -> End | None:
     """Levenberg-Marquardt at fixed noise. None where the model has no answer at q.
 
     hopeless_above: given up where the value less ten times what the next step promises lies above this.
+    coarse: see `refit`.
     """
     journal = problem.journal
     if not journal.kept:
-        return _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above)
+        return _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above, coarse)
     about = None if kept is None else kept.key
-    key = digest("descend", problem.key, q, noise.key, low, high, max_steps, tolerance, about, hopeless_above)
+    key = digest("descend", problem.key, q, noise.key, low, high, max_steps, tolerance, about, hopeless_above, coarse)
     if key in journal:
         known = journal[key]
         if known is None:
@@ -270,7 +280,7 @@ def descend(
         gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
         prior = prior_derivatives(problem, q)
         return End(q, prior[0] + 0.5 * float(gram[0, 0]), known[1], gram, logdet, clean, slopes, prior)
-    end = _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above)
+    end = _descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above, coarse)
     journal.put(key, None if end is None else [end.q.tolist(), end.steps])
     return end
 
@@ -285,6 +295,7 @@ def _descended(
     tolerance: float,
     kept: Kept | None,
     hopeless_above: float,
+    coarse: bool,
 ) -> End | None:
     """`descend`, worked out."""
     gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
@@ -293,8 +304,12 @@ def _descended(
         return None
     damping, taken = 1e-6, 0
     decoupled = problem.decoupled
+    noise_alone = 0.5 * sum(p.blocks.n for p in problem.pieces)
+    finest = tolerance
     for _ in range(max_steps):
         value = prior[0] + 0.5 * gram[0, 0]
+        if coarse:
+            tolerance = finest * max(1.0, (value - noise_alone) / _FAR_OFF)
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
         metric = _metric(H, prior[2], decoupled)

@@ -43,12 +43,13 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
         start = with_modes(found.fit, model, values, modes)
         if not np.isfinite(start).all():
             continue
-        end = descend(problem, np.clip(start, low + 1e-9, high - 1e-9), prior.start(), low, high, 25, 0.05, None)
+        start = np.clip(start, low + 1e-9, high - 1e-9)
+        end = descend(problem, start, prior.start(), low, high, 25, 0.05, None, coarse=True)
         if end is not None:
             ends.append(end)
     if not ends:
         return None
-    fit = refit(problem, min(ends, key=lambda e: e.value).q, prior.start(), prior)
+    fit = refit(problem, min(ends, key=lambda e: e.value).q, prior.start(), prior, coarse=True)
     if fit is None:
         return None
     others = tuple(n for n in found.effects if n != FURTHER)
@@ -95,7 +96,7 @@ def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighe
     q = np.array([known.get(n, m) for n, m in zip(model.priors.names, median, strict=True)])
     low, high = bounds(problem)
     start = np.clip(np.concatenate([q, found.fit.q[before.dimension :]]), low + 1e-9, high - 1e-9)
-    fit = refit(problem, start, prior.start(), prior)
+    fit = refit(problem, start, prior.start(), prior, coarse=True)
     if fit is None:
         return None
     others = tuple(n for n in model.spec.effects if n not in base.problem.model.spec.effects)

@@ -40,12 +40,12 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
         for q, move in _starts(fit):
             # moved along linearly only where that is not far: the logs of a fit bend
             start = np.clip(q + move if np.max(np.abs(move)) < _FAR else q, low, high)
-            end = descend(fit.problem, start, prior.start(), low, high, 25, 0.05, None)
+            end = descend(fit.problem, start, prior.start(), low, high, 25, 0.05, None, coarse=True)
             if end is not None:
                 ends.append(end)
         if not ends:
             break
-        again = refit(fit.problem, min(ends, key=lambda e: e.value).q, prior.start(), prior)
+        again = refit(fit.problem, min(ends, key=lambda e: e.value).q, prior.start(), prior, coarse=True)
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again
@@ -62,8 +62,8 @@ def begun_from(fit: Fit, other: Fit, prior: NoisePrior) -> Fit:
     q[mine.dimension :] = other.q[theirs.dimension :]
     low, high = bounds(fit.problem)
     low, high = low + 1e-9, high - 1e-9
-    end = descend(fit.problem, np.clip(q, low, high), prior.start(), low, high, 25, 0.05, None)
-    again = None if end is None else refit(fit.problem, end.q, prior.start(), prior)
+    end = descend(fit.problem, np.clip(q, low, high), prior.start(), low, high, 25, 0.05, None, coarse=True)
+    again = None if end is None else refit(fit.problem, end.q, prior.start(), prior, coarse=True)
     return fit if again is None or again.objective > fit.objective - 0.5 else again
 
 

@@ -93,7 +93,7 @@ def odd_one_out(
         rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
         if _expected_chi2(fit, rest, i, prior) > _HOPELESS_CHI2:
             continue
-        others = refit(rest, fit.q, prior.start(), prior, max_steps=12)
+        others = refit(rest, fit.q, prior.start(), prior, max_steps=12, coarse=True)
         if others is None or _chi2(others) > 1.5 or scan(others, rng).p_value < ADEQUATE:
             continue
         ratio, se = _ratio(others, pieces[i])

@@ -27,6 +27,7 @@ from .weigh import (
     Weighed,
     effect_size,
     escape,
+    excess,
     improved,
     moved_to,
     own_index,
@@ -53,6 +54,8 @@ _MOVED = 1.0
 _ALIKE, _PARTNERS = 30.0, 3
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
 _PROMISING, _IN_PLACE = 0.4, 5
+#: share of the misfit that is left, but for so many nats, which a grid has to promise for a further effect to be fitted
+_SHARE, _SMALL = 0.1, 200.0
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -111,10 +114,11 @@ def refined(
     starts: int,
     rng: np.random.Generator,
     spoiled: Callable[[Fit], bool] | None = None,
+    least: float = _LEAST_GAIN,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
-    None where the first of them shows readings that are false.
+    None where the first of them shows readings that are false. least: nats that the grid has to promise.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
@@ -125,7 +129,7 @@ def refined(
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
-        promising = s.gain > _LEAST_GAIN and (k < _REFITTED or s.gain > reached - _NEAR)
+        promising = s.gain > least and (k < _REFITTED or s.gain > reached - _NEAR)
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
         w = refine(base, s, prior, 1 if further else starts, best) if promising else None
@@ -291,7 +295,9 @@ def beside(
             s = screen([frame], m, effects, sparse=True) if m is not None else None
             if s is not None:
                 found.append(s)
-    return list((refined(best.fit, found, prior, say, 1, rng) or {}).values())
+    # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
+    least = max(_LEAST_GAIN, _SHARE * (excess(best.fit, prior) - _SMALL))
+    return list((refined(best.fit, found, prior, say, 1, rng, least=least) or {}).values())
 
 
 def beside_the_second(

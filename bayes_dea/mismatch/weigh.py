@@ -52,6 +52,9 @@ _SLIGHT = (0.04, 0.008)
 _IDLE = 1e-3
 _SECTIONS = 12
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+#: how many times more than the best point of a grid gains (and the least gain in nats that counts) the next one has to
+#: lose for a peak to be looked for between the two, and in how many sections
+_STEEP, _HARDLY, _PEAK_SECTIONS = 10.0, 10.0, 8
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
@@ -287,6 +290,8 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
                 main.append(-point.likelihood)
         if index.size == 1 and model.priors.free[index[0]].prior.family == "uniform":
             just_reached(here, frame.value(frame.fit.clean)[0], score)
+        elif index.size == 1:
+            narrow_peak(here, frame.value(frame.fit.clean)[0], score)
         if _rings(model, index):
             own_prior = model.priors.free[index[0]].prior
 
@@ -340,6 +345,41 @@ def just_reached(
                 a = x1
 
 
+def narrow_peak(
+    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None], sections: int = _PEAK_SECTIONS
+) -> None:
+    """Score points between the best of a grid and a next one that acts on far too much.
+
+    What ends before the next reading (a lag, a ramp of the supply) shows nothing of itself until it is slow enough, and
+    then soon everything: such a peak lies between two points of a grid of probabilities. idle: minus log posterior of
+    the base; what is scored is kept by `score`. Golden section.
+    """
+    points = sorted(found, key=lambda p: float(p.own[0]))
+    if len(points) < 2:
+        return
+    best = min(range(len(points)), key=lambda i: points[i].posterior)
+    top = points[best]
+    if top.posterior - idle > _HARDLY:  # acts on too much everywhere
+        return
+    for i in (best - 1, best + 1):
+        if not 0 <= i < len(points):
+            continue
+        if points[i].posterior - top.posterior < _STEEP * max(idle - top.posterior, _HARDLY):
+            continue
+        a, b = float(top.own[0]), float(points[i].own[0])
+        known: dict[float, float] = {}
+        for _ in range(sections):
+            x1, x2 = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+            for x in (x1, x2):
+                if x not in known:
+                    p = score(np.array([x]))
+                    known[x] = p.posterior if p is not None else math.inf
+            if known[x1] <= known[x2]:
+                b = x2
+            else:
+                a = x1
+
+
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:
     """A grid carried over to the same frames on recordings that lost a few readings; None where the frames differ."""
     if len(known.frames) != len(frames):
@@ -367,7 +407,7 @@ def refine(
         kept = None if point.frame.far else _kept(point.frame.fit, model)
         for shift in _shifts(point):
             start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
-            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above)
+            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above, coarse=True)
             if end is not None:
                 ends.append((end.value, end.q, kept))
                 if end.value < point.posterior + HOPELESS:
@@ -375,7 +415,7 @@ def refine(
     for value, q, kept in sorted(ends, key=lambda e: e[0]):
         if value > above:
             break
-        fit = refit(problem, q, prior.start(), prior, kept=kept)
+        fit = refit(problem, q, prior.start(), prior, kept=kept, coarse=True)
         if fit is not None:
             return replace(weighed(base, screened, fit), value=value)
     return None
@@ -454,7 +494,7 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
                 best = (value - own_prior, q + move)
         if best is None:
             break
-        again = refit(fit.problem, best[1], fit.noise, prior)
+        again = refit(fit.problem, best[1], fit.noise, prior, coarse=True)
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again
@@ -525,6 +565,12 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     if inside and np.all(sd < 0.5 * width):  # a peak between the points is what Laplace sees and the grid does not
         return max(min(best.log_evidence, most), grid), 0.5
     return grid, 0.5
+
+
+def excess(fit: Fit, prior: NoisePrior) -> float:
+    """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean."""
+    chi2 = float(fit.problem.sums(fit.q, prior.start(), fit.clean, [])[0][0, 0])
+    return 0.5 * (chi2 - sum(p.blocks.n for p in fit.problem.pieces))
 
 
 def effect_size(base: Fit, fit: Fit) -> float:

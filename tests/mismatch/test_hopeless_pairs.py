@@ -1,0 +1,42 @@
+"""When the search for further effects ends: what a grid promises, and what a second effect leaves."""
+
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch import name as naming
+from bayes_dea.mismatch import search
+from bayes_dea.mismatch.diagnosis import diagnose
+
+CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.0075}
+
+
+@pytest.fixture
+def fitted(monkeypatch):
+    """Effects of every hypothesis that is fitted."""
+    out = []
+
+    def watched(base, screened, *args, **more):
+        out.append(screened.effects)
+        return refine(base, screened, *args, **more)
+
+    refine = search.refine
+    monkeypatch.setattr(search, "refine", watched)
+    return out
+
+
+def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted):
+    """A crosstalk of the supply is on no list; beside what does best alone nothing takes it away."""
+    result = diagnose(concealed({"edge_crosstalk": CROSSTALK}), "hooke+gm3", seed=1)
+    assert result.verdict == "unknown"
+    assert not result.naming.best.adequate
+    assert len(fitted) > 3
+    assert {len(effects) for effects in fitted} == {1}
+
+
+def test_no_third_effect_is_looked_for_where_the_second_leaves_most(fitted, monkeypatch):
+    """The same, were every pair fitted: the best of them leaves more than half."""
+    monkeypatch.setattr(search, "_SHARE", 0.0)
+    monkeypatch.setattr(naming, "_STEP", 0.0)
+    result = diagnose(concealed({"edge_crosstalk": CROSSTALK}), "hooke+gm3", seed=1)
+    assert result.verdict == "unknown"
+    assert {len(effects) for effects in fitted} == {1, 2}

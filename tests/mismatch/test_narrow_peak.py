@@ -1,0 +1,50 @@
+"""A peak of an effect's strength that lies between two points of its grid."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_dea.mismatch.weigh import Scored, narrow_peak
+
+
+def _looked_at(curve, grid):
+    """Points at which a curve (minus log posterior, the base at zero) is looked at after those of a grid."""
+    found = []
+
+    def score(own):
+        value = curve(float(own[0]))
+        found.append(Scored(value, value, own, np.zeros(0), None))
+        return found[-1]
+
+    for x in grid:
+        score(np.array([x]))
+    before = len(found)
+    narrow_peak(found, 0.0, score)
+    return found[before:]
+
+
+def _supply(x):
+    """A limit of 0.57: nothing above 1, far too much below 0.4."""
+    return 500.0 * math.tanh(((x - 0.57) / 0.1) ** 2 if x > 0.57 else ((0.57 - x) / 0.02) ** 2 * 30.0) - 500.0
+
+
+def test_a_peak_beside_a_point_that_acts_on_far_too_much_is_found():
+    grid = [-2.0, -1.0, 0.0, 1.0]
+
+    def steep(x):
+        return _supply(x) if x > 0.4 else 3000.0 * (0.6 - x)
+
+    assert min(steep(x) for x in grid) > -10.0  # the grid itself shows nothing
+    looks = _looked_at(steep, grid)
+    assert min(p.posterior for p in looks) < -400.0
+    assert len(looks) < 12
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [lambda x: 100.0 * (x - 0.3) ** 2 - 90.0, lambda x: 5e4 * math.exp(x), lambda x: 0.1 * x],
+    ids=["a wide peak", "acts on too much everywhere", "acts on nothing"],
+)
+def test_where_the_grid_shows_it_nothing_more_is_worked_out(curve):
+    assert _looked_at(curve, [-2.0, -1.0, 0.0, 1.0]) == []
