@@ -17,13 +17,14 @@ from ..campaign.schema import Campaign
 from ..find_map import find_map
 from ..fit.mixture import Mixture
 from ..mismatch.features import features
+from ..mismatch.first_fit import bare_of
 from ..mismatch.noise_prior import NoisePrior, noise_prior
 from ..mismatch.problem import Problem
 from ..mismatch.reduced import reduce_campaign
 from ..mismatch.refit import Fit, refit
 from ..mismatch.search import frames_of
 from ..mismatch.weigh import refine, screen
-from ..models.model import PRIMARY, Model, build_model
+from ..models.model import PRIMARY, Model
 from ..settings import CalibrationSettings
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ def _fits(campaign: Campaign, model: Model, rng: np.random.Generator) -> tuple[l
     assembled = assemble(campaign, chain)
     found, _ = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups), rng,
                         CalibrationSettings().map)
-    bare = _without_effects(model)
+    bare = bare_of(model)
     pieces = [p for p in reduce_campaign(assembled) if p.identify]
     prior = noise_prior(assembled)
     problem = Problem.of(assembled, bare, pieces)
@@ -82,13 +83,6 @@ def _fits(campaign: Campaign, model: Model, rng: np.random.Generator) -> tuple[l
     refined = [refine(base, screened, prior, starts) for starts in _STARTS]
     fits = [w.fit for w in refined if w is not None]
     return (fits, prior, n) if fits else None
-
-
-def _without_effects(model: Model) -> Model:
-    own = {p.name: p for p in model.parameters}
-    plain = "+".join(part for part in model.name.split("+") if part not in model.spec.effects)
-    names = {p.name for p in build_model(plain).parameters}
-    return build_model(plain, {k: v for k, v in own.items() if k in names})
 
 
 def _taken_over(assembled: Assembled, chain: Model, model: Model, x: Array, rng: np.random.Generator) -> Array:

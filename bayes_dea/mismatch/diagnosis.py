@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..assemble import Assembled, assemble
 from ..campaign.schema import Campaign
 from ..errors import InputError
-from ..find_map import MapSettings, find_map
+from ..find_map import MapSettings
 from ..fit.swarm import SwarmSettings
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
@@ -23,6 +23,7 @@ from . import second_look
 from .ask import first_experiment, next_experiment
 from .clipped import beyond_reach, cut_out, restored, sensor_limit
 from .features import Features, features
+from .first_fit import first_fit
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
 from .locate import ADEQUATE, scan
@@ -169,27 +170,12 @@ def _once(
     usable = campaign if limit is None else cut_out(campaign, limit)
     assembled = assemble(usable, model, s.workers, lambda *at: say("reading noise", *at))
     lap("assemble")
-    say("fitting", 0, 1, model.name)
-    found, posterior = find_map(
-        assembled.posterior,
-        assembled.search_model,
-        list(assembled.search_groups),
-        r_map,
-        s.map,
-        assembled.refresh if assembled.has_blocks else None,
-        report=lambda *at: say("fitting", *at),
-    )
-    lap("map")
-    say("refining the fit", 0, 3, "blocks of samples")
     pieces = reduce_campaign(assembled)
-    say("refining the fit", 1, 3, model.name)
     prior = noise_prior(assembled)
     problem = replace(Problem.of(assembled, model, [p for p in pieces if p.identify]), journal=journal)
-    zeros = posterior.zeros_part(found.x[None])
-    q0 = np.concatenate(
-        [posterior.model_part(found.x[None])[0], [float(v[0]) for v in zeros.values()], np.zeros(problem.gain_sd.size)]
-    )
-    base = refit(problem, q0, prior.start(), prior)
+    say("fitting", 0, 1, model.name)
+    base = first_fit(assembled, problem, prior, r_map, s.map, lambda *at: say("fitting", *at))
+    lap("map")
     if base is None:
         raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
     seen = Seen(base, pieces, prior)

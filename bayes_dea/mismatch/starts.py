@@ -6,16 +6,14 @@ effect on a grid with the base moved along, and the best points are refitted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble
 from ..find_map import MapSettings, find_map
-from ..models.model import Model, build_model
+from ..models.model import Model
 from .features import features
+from .first_fit import bare_of, coordinates
 from .noise_prior import noise_prior
 from .problem import Problem
 from .reduced import reduce_campaign
@@ -31,10 +29,7 @@ def effect_starts(
     assembled: Assembled, model: Model, rng: np.random.Generator, settings: MapSettings, count: int = 4
 ) -> list[Array]:
     """Coordinates of the posterior (d,) at refits of `model` from different points of its effects' grid, best first."""
-    own: Mapping[str, Any] = {p.name: p for p in model.parameters}
-    plain = "+".join(part for part in model.name.split("+") if part not in model.spec.effects)
-    names = {p.name for p in build_model(plain).parameters}
-    bare = build_model(plain, {k: v for k, v in own.items() if k in names})
+    bare = bare_of(model)
     base_assembled = assemble(assembled.campaign, bare)
     found, posterior = find_map(
         base_assembled.posterior,
@@ -47,9 +42,7 @@ def effect_starts(
     pieces = [p for p in reduce_campaign(base_assembled) if p.identify]
     prior = noise_prior(base_assembled)
     problem = Problem.of(base_assembled, bare, pieces)
-    zeros = [float(v[0]) for v in posterior.zeros_part(found.x[None]).values()]
-    q0 = np.concatenate([posterior.model_part(found.x[None])[0], zeros, np.zeros(problem.gain_sd.size)])
-    base = refit(problem, q0, prior.start(), prior)
+    base = refit(problem, coordinates(posterior, found.x, problem), prior.start(), prior)
     if base is None:
         return []
     frames = frames_of(base, [features(p) for p in pieces], prior)
@@ -60,7 +53,7 @@ def effect_starts(
     for n in range(1, count + 1):
         w = refine(base, screened, prior, n)
         if w is not None:
-            d = model.dimension + len(zeros)
+            d = model.dimension + problem.zero_mean.size
             out.append(np.concatenate([w.fit.q[:d], _noise_part(assembled, w.fit.noise)]))
     return out[::-1]
 

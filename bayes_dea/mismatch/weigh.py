@@ -462,11 +462,16 @@ def _kept(fit: Fit, model: Model) -> Kept:
 
 
 def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> Weighed:
-    """Out of local maxima along the effect's own coordinates.
+    """A hypothesis out of local maxima (`escaped`), weighed anew where that led on."""
+    fit = escaped(found.fit, base, prior)
+    return found if fit is found.fit else improved(found, base, screened, fit)
+
+
+def escaped(fit: Fit, base: Fit, prior: NoisePrior) -> Fit:
+    """Out of local maxima along the coordinates of the effects that a fit has beyond the base.
 
     A delay has one at every sampling step, a resonance one on either side of half the sampling rate.
     """
-    fit = found.fit
     index = own_index(base, fit.problem.model)
     added = [name for name in fit.problem.model.spec.effects if name not in base.problem.model.spec.effects]
     widths = fit.problem.model.priors.scales()
@@ -498,7 +503,7 @@ def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> 
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again
-    return found if fit is found.fit else improved(found, base, screened, fit)
+    return fit
 
 
 def _mirrored(fit: Fit, index: NDArray[np.int64]) -> list[Array]:

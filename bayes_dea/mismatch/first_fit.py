@@ -1,0 +1,124 @@
+"""The fit that a diagnosis begins with: a linear model by its search, another one step by step.
+
+The search of a linear model projects its compliances out and is exact. A law that bends, and an effect, can only be
+simulated; a polish by numerical Hessians takes minutes there and may end far off. So a law begins where its
+linearisation ends and goes on by Gauss-Newton, and effects are put in one after the other, each on its grid with the
+rest moved along, as the search for explanations does it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..assemble import Assembled, assemble
+from ..find_map import MapSettings, find_map, swarm_starts
+from ..likelihood.posterior import Posterior
+from ..models.model import Model, build_model
+from .features import features
+from .noise_prior import NoisePrior
+from .problem import Problem
+from .refit import Fit, refit
+from .relocate import relocated
+from .search import frames_of
+from .telling import Tell, silence
+from .weigh import escaped, refine, screen
+
+Array = NDArray[np.float64]
+#: how often a descent goes on where the last one ended, and the nats that it has to gain for another
+_AGAIN, _WORTH = 6, 0.1
+
+
+def bare_of(model: Model, effects: tuple[str, ...] = ()) -> Model:
+    """A model without its effects, or with those of `effects` alone; its priors stay."""
+    own: Mapping[str, Any] = {p.name: p for p in model.parameters}
+    kept = "+".join(p for p in model.name.split("+") if p not in model.spec.effects or p in effects)
+    names = {p.name for p in build_model(kept).parameters}
+    return build_model(kept, {k: v for k, v in own.items() if k in names})
+
+
+def coordinates(posterior: Posterior, x: Array, problem: Problem) -> Array:
+    """Coordinates of a problem at those of a posterior (d,), its gains in the middle of their priors."""
+    zeros = [float(v[0]) for v in posterior.zeros_part(x[None]).values()]
+    return np.concatenate([posterior.model_part(x[None])[0], zeros, np.zeros(problem.gain_sd.size)])
+
+
+def first_fit(
+    assembled: Assembled,
+    problem: Problem,
+    prior: NoisePrior,
+    rng: np.random.Generator,
+    settings: MapSettings,
+    tell: Tell = silence,
+) -> Fit | None:
+    """The model of a problem at its maximum; None where it has no answer on these recordings.
+
+    assembled: the campaign with that model.
+    """
+    model = problem.model
+    if assembled.search_model.spec == model.spec:
+        found, posterior = find_map(
+            assembled.posterior,
+            assembled.search_model,
+            list(assembled.search_groups),
+            rng,
+            settings,
+            assembled.refresh if assembled.has_blocks else None,
+            report=tell,
+        )
+        return refit(problem, coordinates(posterior, found.x, problem), prior.start(), prior)
+    if not model.spec.effects:
+        return _bent(assembled, problem, prior, rng, settings)
+    plain = bare_of(model)
+    begun = assemble(assembled.campaign, plain)
+    fit = first_fit(begun, problem.with_model(plain), prior, rng, settings, tell)
+    return None if fit is None else _with_effects(fit, model, prior, tell)
+
+
+def _bent(
+    assembled: Assembled, problem: Problem, prior: NoisePrior, rng: np.random.Generator, settings: MapSettings
+) -> Fit | None:
+    """A law that is not linear, from where its linearisation ends."""
+    starts = swarm_starts(
+        assembled.posterior, assembled.search_model, list(assembled.search_groups), rng, settings
+    )
+    fits = []
+    for start in starts:
+        fit = refit(problem, coordinates(assembled.posterior, start, problem), prior.start(), prior, coarse=True)
+        if fit is not None:
+            fits.append(_settled(fit, prior))
+    return min(fits, key=lambda f: f.objective) if fits else None
+
+
+def _settled(fit: Fit, prior: NoisePrior) -> Fit:
+    """A fit from which no further descent and no other place of a mode leads on."""
+    for _ in range(_AGAIN):
+        again = refit(fit.problem, fit.q, prior.start(), prior)
+        if again is None or again.objective > fit.objective - _WORTH:
+            break
+        fit = again
+    return relocated(fit, prior)
+
+
+def _with_effects(fit: Fit, model: Model, prior: NoisePrior, tell: Tell) -> Fit | None:
+    """The effects of a model put in one after the other, the one that promises most first."""
+    missing = [e for e in model.spec.effects if e not in fit.problem.model.spec.effects]
+    steps = len(missing)
+    while missing:
+        tell(steps - len(missing), steps, "+".join(missing))
+        frames = frames_of(fit, [features(p) for p in fit.problem.pieces], prior)
+        present = fit.problem.model.spec.effects
+        found = [screen(frames, bare_of(model, (*present, e)), (e,)) for e in missing]
+        answered = [s for s in found if s is not None]
+        if not answered:
+            return None
+        best = max(answered, key=lambda s: s.gain)
+        weighed = refine(fit, best, prior)
+        if weighed is None:
+            return None
+        fit = _settled(escaped(weighed.fit, fit, prior), prior)
+        missing = [e for e in missing if e not in best.effects]
+    return fit
