@@ -106,9 +106,8 @@ def discrepancy(
     for k, a in enumerate(AMPLITUDES_M):
         tell(k, AMPLITUDES_M.size, f"a discrepancy of {1e6 * a:.1f} um")
         problem = replace(fit.problem, shared=shared, amplitude_m=float(a))
-        found = [
-            f for q in seeds if (f := refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False)) is not None
-        ]
+        refits = [refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False, coarse=True) for q in seeds]
+        found = [f for f in refits if f is not None]
         top = max((f.log_evidence for f in found), default=-math.inf)
         same = [f for f in found if f.log_evidence == top]
         if same:

@@ -23,7 +23,17 @@ from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit
 from .relabel import FURTHER, labellings
-from .search import Report, beside, frames_of, in_place_of_the_first, on_grids, refined, second_thoughts, typical
+from .search import (
+    REMAINS,
+    Report,
+    beside,
+    frames_of,
+    in_place_of_the_first,
+    on_grids,
+    refined,
+    second_thoughts,
+    typical,
+)
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
 from .weigh import Frame, Screened, Weighed, excess, size_elsewhere
@@ -38,8 +48,6 @@ _WORTH_LABELLING = 0.01
 _CLEARLY = 10.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
-#: share of it that has to remain at most, once nothing better takes its place, for a third effect to be looked for
-_REMAINS = 0.5
 
 
 @dataclass(frozen=True)
@@ -198,7 +206,7 @@ def name_physics(
         best = explain(top, looks, columns, rng, prior, left)
         others.append(best)
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
-        if not best.adequate and excess(top.fit, prior) > _REMAINS * left_over:
+        if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
     # what explains less than the resolution is not claimed as physics
     evidence = {NONE: none.weighed.log_evidence}

@@ -56,6 +56,8 @@ _ALIKE, _PARTNERS = 30.0, 3
 _PROMISING, _IN_PLACE = 0.4, 5
 #: share of the misfit that is left, but for so many nats, which a grid has to promise for a further effect to be fitted
 _SHARE, _SMALL = 0.1, 200.0
+#: share of it that may remain, once nothing better takes its place, for a third effect to be looked for
+REMAINS = 0.5
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -114,17 +116,20 @@ def refined(
     starts: int,
     rng: np.random.Generator,
     spoiled: Callable[[Fit], bool] | None = None,
-    least: float = _LEAST_GAIN,
+    left: float = 0.0,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
-    None where the first of them shows readings that are false. least: nats that the grid has to promise.
+    None where the first of them shows readings that are false. left: nats of misfit that further effects are looked
+    for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
     """
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
+    # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
+    least = max(_LEAST_GAIN, _SHARE * (left - _SMALL))
     reached, best = 0.0, math.inf
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
@@ -174,6 +179,8 @@ def refined(
         own = own_index(base, of[name].model)
         narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
         if w.fit is base or _hopeful(w, base) < top - _RIVALS or narrow or own.size > 4:
+            continue
+        if left > _SMALL and excess(w.fit, prior) > REMAINS * left:
             continue
         better = integrated(w.fit, own, rng, partial(_along, say, name))
         if better is not None:
@@ -295,9 +302,8 @@ def beside(
             s = screen([frame], m, effects, sparse=True) if m is not None else None
             if s is not None:
                 found.append(s)
-    # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(_LEAST_GAIN, _SHARE * (excess(best.fit, prior) - _SMALL))
-    return list((refined(best.fit, found, prior, say, 1, rng, least=least) or {}).values())
+    left = excess(best.fit, prior)
+    return list((refined(best.fit, found, prior, say, 1, rng, left=left) or {}).values())
 
 
 def beside_the_second(
