@@ -32,6 +32,8 @@ _SLOW_HZ = 5.0
 _SIGN_LAGS_S = (0.0, 0.03, 0.3, 3.0, 30.0)
 #: an answer that is the mirror image of the drive correlates with it by more than this, drifts and noise by less
 _SIGN_CORRELATION = 0.7
+#: what happens within this time (s) is prompt; by so many standard errors it has to go with the drive
+_PROMPT_S, _SURE = 1.0, 5.0
 
 
 def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None = None,
@@ -272,10 +274,24 @@ def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> N
             falls = -correlation
             fall = -correlation * float(np.linalg.norm(answer) / np.linalg.norm(x)) * float(np.ptp(x))
         rises = max(rises, correlation)
-    if falls > _SIGN_CORRELATION and rises < 0.5 * falls and fall > 5.0 * floor:
+    if falls > _SIGN_CORRELATION and rises < 0.5 * falls and fall > 5.0 * floor and not _follows(t, drive, answer):
         problems.append(f"{r.name}: displacement_m falls by about {fall:.3g} m where the voltage rises; it is positive "
                         "when the stack gets shorter. Turn it round: columns.displacement_m = { name = "
                         '"displacement_m", sign = -1 } in its [format].')
+
+
+def _follows(t: NDArray[np.float64], drive: NDArray[np.float64], answer: NDArray[np.float64]) -> bool:
+    """Whether the prompt part of an answer goes with the drive, whatever comes later.
+
+    Charges that screen the field let a stack fall back while the voltage stands, and hold it when the voltage is gone.
+    """
+    x, y = (values - _lagged(t, values, _PROMPT_S) for values in (drive, answer))
+    size = float(x @ x)
+    if size == 0.0:
+        return False
+    slope = float(x @ y) / size
+    rest = y - slope * x
+    return slope * np.sqrt(size) > _SURE * float(np.std(rest))
 
 
 def _thinned(values: NDArray[np.float64], good: NDArray[np.bool_]) -> NDArray[np.float64]:
