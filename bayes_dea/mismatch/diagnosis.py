@@ -179,7 +179,7 @@ def _once(
     if base is None:
         raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
     seen = Seen(base, pieces, prior)
-    say("refining the fit", 2, 3, "false readings")
+    say("refining the fit", 0, 1, "false readings")
     if limit is not None:
         seen.keep_below(limit)
     for _ in range(_ROUNDS):
@@ -215,7 +215,7 @@ def _once(
         assert found is not None
         return found
 
-    say("refining the fit", 3, 3, "")
+    say("refining the fit", 1, 1, "")
     retimed = _retimed(seen.base, campaign, priors, prior, r_name, lambda *at: say("rereading", *at))
     if retimed is not None:
         seen.take(retimed)

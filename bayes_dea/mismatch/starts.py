@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble
-from ..find_map import MapSettings, find_map
+from ..find_map import MapSettings
 from ..models.model import Model
 from .features import features
-from .first_fit import bare_of, coordinates
+from .first_fit import bare_of, first_fit
 from .noise_prior import noise_prior
 from .problem import Problem
 from .reduced import reduce_campaign
-from .refit import refit
 from .search import frames_of
 from .weigh import refine, screen
 from .whitening import Noise
@@ -31,18 +30,10 @@ def effect_starts(
     """Coordinates of the posterior (d,) at refits of `model` from different points of its effects' grid, best first."""
     bare = bare_of(model)
     base_assembled = assemble(assembled.campaign, bare)
-    found, posterior = find_map(
-        base_assembled.posterior,
-        base_assembled.search_model,
-        list(base_assembled.search_groups),
-        rng,
-        settings,
-        base_assembled.refresh if base_assembled.has_blocks else None,
-    )
     pieces = [p for p in reduce_campaign(base_assembled) if p.identify]
     prior = noise_prior(base_assembled)
     problem = Problem.of(base_assembled, bare, pieces)
-    base = refit(problem, coordinates(posterior, found.x, problem), prior.start(), prior)
+    base = first_fit(base_assembled, problem, prior, rng, settings)
     if base is None:
         return []
     frames = frames_of(base, [features(p) for p in pieces], prior)

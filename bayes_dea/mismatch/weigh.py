@@ -331,18 +331,25 @@ def just_reached(
         if idles[i - 1] == idles[i]:
             continue
         acting, resting = (points[i - 1], points[i]) if idles[i] else (points[i], points[i - 1])
-        a, b = float(acting.own[0]), float(resting.own[0])
-        inner: dict[float, float] = {}
-        for _ in range(steps):
-            x1, x2 = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)  # x1 is nearer to what acts
-            for x in (x1, x2):
-                if x not in inner:
-                    p = score(np.array([x]))
-                    inner[x] = p.likelihood if p is not None else math.inf
-            if inner[x1] <= inner[x2] + _IDLE:
-                b = x2
-            else:
-                a = x1
+        # a tie goes on towards what acts
+        _golden_section(score, lambda p: p.likelihood, float(acting.own[0]), float(resting.own[0]), steps, _IDLE)
+
+
+def _golden_section(
+    score: Callable[[Array], Scored | None], of: Callable[[Scored], float], a: float, b: float, count: int, tie: float
+) -> None:
+    """Score points by golden section between a and b, down the values `of`; where they differ by `tie` towards a."""
+    known: dict[float, float] = {}
+    for _ in range(count):
+        x1, x2 = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
+        for x in (x1, x2):
+            if x not in known:
+                p = score(np.array([x]))
+                known[x] = of(p) if p is not None else math.inf
+        if known[x1] <= known[x2] + tie:
+            b = x2
+        else:
+            a = x1
 
 
 def narrow_peak(
@@ -366,18 +373,7 @@ def narrow_peak(
             continue
         if points[i].posterior - top.posterior < _STEEP * max(idle - top.posterior, _HARDLY):
             continue
-        a, b = float(top.own[0]), float(points[i].own[0])
-        known: dict[float, float] = {}
-        for _ in range(sections):
-            x1, x2 = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
-            for x in (x1, x2):
-                if x not in known:
-                    p = score(np.array([x]))
-                    known[x] = p.posterior if p is not None else math.inf
-            if known[x1] <= known[x2]:
-                b = x2
-            else:
-                a = x1
+        _golden_section(score, lambda p: p.posterior, float(top.own[0]), float(points[i].own[0]), sections, 0.0)
 
 
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:

@@ -27,12 +27,12 @@ def _end(effects, coarse):
 
 @pytest.mark.parametrize("effects", [{}, {"inertia": {"f_1_Hz": 30.0, "zeta": 0.05}}], ids=["noise alone", "far off"])
 def test_a_coarse_descent_ends_as_near_as_its_misfit_is_worth(effects):
-    """Within 1e-3 of the misfit that is left, in no more steps; where nothing but noise is left, at the same place."""
+    """Within 1e-3 of the misfit that is left, in fewer steps; where nothing but noise is left, at the same place."""
     end, left = _end(effects, coarse=True)
     finest, _ = _end(effects, coarse=False)
-    assert end.steps <= finest.steps
     if effects:
         assert left > 5000.0
+        assert end.steps < finest.steps
         assert end.value - finest.value < 1e-3 * left
     else:
         assert end.value == finest.value
