@@ -247,7 +247,9 @@ def drive_coupled(time_s, command_V, p, k_Pa, tau_s, yields, tolerance, toleranc
         if step > 0.0:
             jump = abs(target * target - last_command * last_command) + drift
             steps = 1
-            settled = p.R_s > 0.0 and step > _SETTLED * fast[branches]
+            # a supply that moves within the row leaves the charge behind all the way
+            follows = (p.tau_fall > 0.0 and target < supply) or not math.isinf(p.slew)
+            settled = p.R_s > 0.0 and step > _SETTLED * fast[branches] and (supply == target or not follows)
             for j in range(modes):
                 amplitude[j] += share[j] * p.stress_per_V2 * jump / rigid
                 allowed = tolerance if j < modes - 1 else tolerance_ring

@@ -92,6 +92,24 @@ def test_resistance_charges_exponentially(R_s: float) -> None:
     assert np.abs(rig.drive(TIME, EDGE) / UNIT - exact / UNIT).max() < 5e-4 * 1e6
 
 
+@pytest.mark.parametrize("R_s", [500.0, 3e3, 6e3, 2e4])
+def test_a_supply_that_moves_leaves_the_charge_behind(R_s: float) -> None:
+    """A fall of 4 ms, and a ramp of 50 V a row, each behind a resistance: closed forms."""
+    tau, slew = 4e-3, 5e4
+    off = np.where(TIME > 2.0, 0.0, EDGE)
+    rig = stiff({"series_resistance": {"R_s_ohm": R_s}, "one_quadrant_supply": {"tau_fall_s": tau}})
+    rc = R_s * rig.capacitance_F
+    since = np.clip(TIME - 2.0, 0.0, None)
+    volts = 1000.0 * (tau * np.exp(-since / tau) - rc * np.exp(-since / rc)) / (tau - rc)
+    late = TIME > 2.0
+    assert np.abs(np.sqrt(rig.drive(TIME, off)[late] / UNIT) - volts[late]).max() < 0.5
+    rig = stiff({"series_resistance": {"R_s_ohm": R_s}, "supply_current_limit": {"slew_V_per_s": slew}})
+    since = np.clip(TIME - 0.1, 0.0, None)
+    rising = (since > 0.0) & (since < 1000.0 / slew - 1e-9)
+    volts = slew * (since + rc * np.expm1(-since / rc))
+    assert np.abs(np.sqrt(rig.drive(TIME, EDGE)[rising] / UNIT) - volts[rising]).max() < 0.5
+
+
 @pytest.mark.parametrize("E_0", [math.inf, 4e6])
 def test_leak_settles_where_the_currents_balance(E_0: float) -> None:
     leak = {"R_leak_ohm": 2e7, "R_s_ohm": 1e5, "E_0_V_per_m": E_0}
