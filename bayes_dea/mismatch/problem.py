@@ -20,10 +20,11 @@ from ..assemble import Assembled
 from ..campaign.schema import Actuator
 from ..models.effects import registered_effects
 from ..models.model import Model
+from ..models.nodes import Nodes
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from .journal import Journal, digest
-from .reduced import Piece, gain_groups
+from .reduced import Piece, Reading, gain_groups
 from .whitening import Noise, Shared, whiten
 
 Array = NDArray[np.float64]
@@ -163,36 +164,36 @@ class Problem:
     # ------------------------------------------------------------ predictions
     def clean(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
         """Block means of the model's output for every piece, without gain and offset; nan where it has none."""
-        return [p.means(x) if x.size else x for p, x in zip(self.pieces, self.outputs(q, only), strict=True)]
+        return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only)]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
         return [
-            np.interp(p.recording.time_s, p.where.time_s, x)
-            for p, x in zip(self.pieces, self.outputs(q), strict=True)
+            np.interp(p.recording.time_s, reading.where.time_s, x)
+            for p, (reading, x) in zip(self.pieces, self._outputs(q), strict=True)
         ]
 
-    def outputs(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
-        """The model's output at the nodes of the pieces; empty if not asked."""
+    def _outputs(self, q: Array, only: Sequence[int] | None = None) -> list[tuple[Reading, Array]]:
+        """The model's output at nodes of the pieces, with these; empty if not asked."""
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
         zeros, _ = self.beside(q)
-        out: list[Array] = []
+        out: list[tuple[Reading, Array]] = []
         plants: dict[Actuator, Plant] = {}
         for i, piece in enumerate(self.pieces):
             if only is not None and i not in only:
-                out.append(np.empty(0))
+                out.append((piece.reading(False), np.empty(0)))
                 continue
             actuator = piece.recording.actuator
             plant = plants.get(actuator)
             if plant is None:
                 plant = plants[actuator] = plant_of(self.model, values, actuator)
-            if piece.nodes is not None:
-                out.append(simulate_nodes(plant, piece.nodes, piece.past))
+            reading = piece.reading(plant.is_smooth)
+            if isinstance(reading.where, Nodes):
+                out.append((reading, simulate_nodes(plant, reading.where, piece.past)))
             else:
-                path = piece.path
-                assert path is not None
+                path = reading.where
                 zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(path.position_m[0])
-                out.append(simulate_plates(plant, path.time_s, path.position_m, zero, piece.contact))
+                out.append((reading, simulate_plates(plant, path.time_s, path.position_m, zero, piece.contact)))
         return out
 
     def steps(self, q: Array) -> Array:

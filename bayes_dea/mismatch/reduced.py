@@ -44,6 +44,18 @@ _NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
 
 
 @dataclass(frozen=True)
+class Reading:
+    """The nodes at which a model is worked out, and what makes block means of them (nb, nodes)."""
+
+    where: Nodes | Path
+    averaging: csr_matrix = field(repr=False)
+
+    def means(self, values: Array) -> Array:
+        """Block means (nb,) of values at the nodes (m,)."""
+        return np.asarray(self.averaging @ values)
+
+
+@dataclass(frozen=True)
 class Piece:
     """One recording, reduced. Arrays over blocks have nb columns."""
 
@@ -57,6 +69,7 @@ class Piece:
     nuisance_sd: Array = field(repr=False)  # (m,)
     white_variance: float | Array = 0.0  # of a sample, beyond sigma: the scatter of the position in a force; (nb,)
     nodes: Nodes | None = None  # of a voltage recording
+    few: Reading | None = None  # fewer nodes, enough for a model whose answer to a smooth command is smooth
     past: Nodes | None = None  # whose memory it inherits
     path: Path | None = None  # of a mechanical recording
     averaging: csr_matrix = field(repr=False, kw_only=True)  # (nb, nodes)
@@ -83,16 +96,13 @@ class Piece:
         """Whether fits may see it."""
         return self.recording.role == "identify"
 
-    @property
-    def where(self) -> Nodes | Path:
-        """The rows at which the model is worked out, its nodes."""
+    def reading(self, smooth: bool) -> Reading:
+        """The nodes for a model whose answer to a smooth command is smooth, or for any."""
+        if smooth and self.few is not None:
+            return self.few
         where = self.path if self.nodes is None else self.nodes
         assert where is not None
-        return where
-
-    def means(self, values: Array) -> Array:
-        """Block means (..., nb) of values at the nodes (..., m)."""
-        return np.asarray((self.averaging @ np.atleast_2d(values).T).T).reshape(*values.shape[:-1], self.blocks.n)
+        return Reading(where, self.averaging)
 
 
 def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
@@ -109,6 +119,7 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
         nuisance=piece.nuisance[:, at],
         white_variance=np.broadcast_to(piece.white_variance, b.n)[at],
         averaging=piece.averaging[at],
+        few=replace(piece.few, averaging=piece.few.averaging[at]) if piece.few is not None else None,
     )
 
 
@@ -146,13 +157,24 @@ def again(piece: Piece, prepared: Prepared) -> Piece:
         y=block_means(np.where(masked, 0.0, prepared.y), b, masked),
         nuisance=block_means(prepared.nuisance().T, b, masked),
         averaging=averaging(piece.nodes, prepared.recording.time_s, b, prepared.observed),
+        few=_few(piece.nodes, prepared, b),
     )
 
 
-def renoded(piece: Piece, prepared: Prepared, nodes: Nodes, past: Nodes | None) -> Piece:
+def renoded(piece: Piece, prepared: Prepared) -> Piece:
     """A piece of a voltage recording whose command is read in another way."""
+    nodes = make_nodes(prepared.recording)
     rows = averaging(nodes, prepared.recording.time_s, piece.blocks, prepared.observed)
-    return replace(piece, prepared=prepared, nodes=nodes, past=past, averaging=rows)
+    few = _few(nodes, prepared, piece.blocks)
+    return replace(piece, prepared=prepared, nodes=nodes, averaging=rows, few=few)
+
+
+def _few(nodes: Nodes, p: Prepared, blocks: Blocks) -> Reading | None:
+    """Fewer nodes than these, where a slow command leaves room for it."""
+    few = make_nodes(p.recording, lines=True)
+    if few.size >= nodes.size:
+        return None
+    return Reading(few, averaging(few, p.recording.time_s, blocks, p.observed))
 
 
 def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
@@ -182,7 +204,8 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
         sd,
         nodes=nodes,
         averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
-        past=past_nodes(memory(recordings, p.recording), p.recording),
+        few=_few(nodes, p, blocks),
+        past=past_nodes(memory(recordings, p.recording), p.recording, lines=True),
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign import HOLDS
-from ..models.nodes import make_nodes
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .problem import Problem
@@ -70,8 +69,7 @@ def with_hold(piece: Piece, hold: str) -> Piece:
     if piece.nodes is None:
         return piece
     recording = replace(piece.recording, hold=hold)
-    past = replace(piece.past, hold=hold) if piece.past is not None else None
-    return renoded(piece, replace(piece.prepared, recording=recording), make_nodes(recording), past)
+    return renoded(piece, replace(piece.prepared, recording=recording))
 
 
 def odd_one_out(

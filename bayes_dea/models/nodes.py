@@ -2,13 +2,13 @@
 
 Between two changes of a held command everything is smooth and slows down like the logarithm of time. It is enough to
 know it at a row a few per cent further on, because the stages are integrated with exponentials that are exact for a
-held input, whatever the length of the step.
+held input, whatever the length of the step. Slow sines and triangles may be taken as lines of many rows (`slow_lines`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Recording
 from .electrostatics import filled_input
 from .lags import even_step
+from .slow_lines import slow_lines
 
 #: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
 _STEP_GRID = 1.2
@@ -31,7 +32,9 @@ class Nodes:
 
     time_s (m,) s; volts (m,) V, what was commanded during the interval that ends at the row (for hold = "linear" the
     command at the row); row (m,) index of the row; n: rows of the recording; hold: convention of the recording;
-    temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven.
+    temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven. lines_V (2, m) V:
+    start and end of the command in the interval that ends at each node, where `volts` and `hold` do not say it.
+    unread: nodes at which the output is to be read off straight between their neighbours.
     """
 
     time_s: NDArray[np.float64]
@@ -41,6 +44,8 @@ class Nodes:
     hold: str = "end"
     temperature_C: NDArray[np.float64] | None = None
     step_s: float = 0.0
+    lines_V: NDArray[np.float64] | None = field(default=None, repr=False)
+    unread: NDArray[np.int64] | None = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -50,6 +55,44 @@ class Nodes:
     def durations(self) -> NDArray[np.float64]:
         """Time from the node before to each node (m,) s, zero for the first one; not to be written to."""
         return self._durations
+
+    def command(self) -> NDArray[np.float64]:
+        """Start and end (2, m) V of the command, straight in the interval that ends at each node."""
+        return self._command
+
+    @cached_property
+    def _command(self) -> NDArray[np.float64]:
+        if self.lines_V is not None:
+            return self.lines_V
+        if self.hold == "linear":
+            return np.stack([np.concatenate([self.volts[:1], self.volts[:-1]]), self.volts])
+        return np.stack([self.volts, self.volts])
+
+    def rows(self) -> NDArray[np.int64]:
+        """Rows (m,) of the recording that the interval before each node spans, 1 for the first."""
+        return self._rows
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int64]:
+        return np.maximum(np.diff(self.row, prepend=self.row[:1]), 1)
+
+    def read(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """y (m,) with the nodes that are not read straight between those that are."""
+        if self.unread is None or self.unread.size == 0:
+            return y
+        left, right, share = self._beside
+        out = y.copy()
+        out[self.unread] = (1.0 - share) * y[left] + share * y[right]
+        return out
+
+    @cached_property
+    def _beside(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        assert self.unread is not None
+        known = np.delete(np.arange(self.size), self.unread)
+        after = np.searchsorted(known, self.unread)
+        left, right = known[after - 1], known[after]
+        t = self.time_s
+        return left, right, (t[self.unread] - t[left]) / (t[right] - t[left])
 
     @cached_property
     def _durations(self) -> NDArray[np.float64]:
@@ -63,6 +106,7 @@ def make_nodes(
     recording: Recording,
     *,
     every_row: bool = False,
+    lines: bool = False,
     fine_s: float = 0.3,
     growth: float = 0.025,
     cap_s: float = 1.0,
@@ -72,7 +116,8 @@ def make_nodes(
 
     Every row where the command changes, the row before it, and all rows for `fine_s` (s) after it; on stretches of
     constant command the spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a
-    step have the command of the node at its end. extra_rows: further rows to include.
+    step have the command of the node at its end. lines: slow changes at every row are taken as lines of many rows
+    (`slow_lines`). extra_rows: further rows to include, without `lines`.
     """
     time_s = np.asarray(recording.time_s, float)
     n = time_s.size
@@ -87,10 +132,16 @@ def make_nodes(
         keep = _coarse(time_s, volts, step, fine_s, growth, cap_s)
         keep[np.asarray(extra_rows, dtype=np.int64)] = True
     row = np.flatnonzero(keep)
+    slow = slow_lines(row, volts, step, recording.hold == "linear") if lines and step > 0 else None
+    if slow is not None:
+        row = slow.row
     temperature = recording.columns.get("temperature_C")
     if temperature is not None:
         temperature = filled_input(np.asarray(temperature, float))[row]
-    return Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
+    out = Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
+    if slow is None:
+        return out
+    return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread)
 
 
 def _coarse(
@@ -121,28 +172,33 @@ def _coarse(
     return keep
 
 
-def past_nodes(earlier: Sequence[Recording], last: Recording) -> Nodes | None:
+def past_nodes(earlier: Sequence[Recording], last: Recording, *, lines: bool = False) -> Nodes | None:
     """Nodes of the recordings before `last` (oldest first) with the rests between them, up to its first row.
 
-    None where there are none. A rest follows a change to 0 V with rows that get wider like those of `make_nodes`.
+    None where there are none. A rest follows a change to 0 V with rows that get wider like those of `make_nodes`, which
+    `lines` is for.
     """
-    time, volts = [np.zeros(0)], [np.zeros(0)]
+    time, command, rows = [np.zeros(0)], [np.zeros((2, 0))], [np.zeros(0, dtype=np.int64)]
     now = 0.0
     for before, after in pairwise([*earlier, last]):
-        nodes = make_nodes(before)
+        nodes = make_nodes(before, lines=lines)
         h = nodes.durations()
         h[0] = 1e-6 * float(np.median(h[1:])) if now > 0.0 else 0.0
         time.append(now + np.cumsum(h))
-        volts.append(nodes.volts)
+        command.append(nodes.command())
+        rows.append(nodes.rows())
         now = float(time[-1][-1])
         rest = after.rest_before_s or 0.0
         if rest > 0.0:
             t = np.append(_REST_FIRST_S * _REST_GROWTH ** np.arange(200), np.inf)
             t = np.append(t[t < rest], rest)
             time.append(now + t)
-            volts.append(np.zeros(t.size))
+            command.append(np.zeros((2, t.size)))
+            rows.append(np.ones(t.size, dtype=np.int64))
             now += rest
     if not earlier:
         return None
-    time_s, command = np.concatenate(time), np.concatenate(volts)
-    return Nodes(time_s, command, np.arange(time_s.size), time_s.size, last.hold)
+    time_s, lines_V = np.concatenate(time), np.concatenate(command, axis=1)
+    # the places of the rows count those that lie within a line
+    row = np.cumsum(np.concatenate(rows)) - 1
+    return Nodes(time_s, lines_V[1], row, int(row[-1]) + 1, last.hold, lines_V=lines_V)

@@ -99,10 +99,29 @@ class Plant:
         return self.process is None and self._is_straight and np.isfinite(self.f_1_Hz)
 
     @property
+    def is_coupled(self) -> bool:
+        """Whether a linear network without a mass is behind a resistance, and the stretch in no stress."""
+        network = self.process is None and self._is_straight_material and not np.isfinite(self.f_1_Hz)
+        return network and self.R_s_ohm > 0.0 and not self._stretches
+
+    @property
     def _is_straight(self) -> bool:
-        straight = self.law_id == HOOKE and not (self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share)
-        coupled = self.thickness_feedback or self.c_eps != 0.0 or self.R_s_ohm > 0.0
-        return straight and not coupled and self.creep is None
+        return self._is_straight_material and self.R_s_ohm == 0.0 and not self._stretches
+
+    @property
+    def _is_straight_material(self) -> bool:
+        bent = self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share
+        return self.law_id == HOOKE and not bent and self.creep is None
+
+    @property
+    def _stretches(self) -> bool:
+        return self.thickness_feedback or self.c_eps != 0.0
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether its answer to a smooth command is smooth: no limit or corner that is met, nothing that rings on."""
+        limits = min(self.V_max_V, self.y_max_m, self.f_1_Hz) < np.inf
+        return not (limits or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
     @property
     def _mass(self) -> float:

@@ -17,7 +17,8 @@ catalogue of missing physics; friction after Iwan (10.1115/1.3607751), worked ou
 points of reversal instead of element by element, which is the same; softening after Ogden and Roxburgh
 (10.1098/rspa.1999.0431).
 
-Numba keeps compiled code by the date of this file alone: after an edit of `static.py` touch this one.
+Numba keeps compiled code by the date of this file alone: after an edit of `static.py` or `circuit_kernel.py` touch
+this one.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ import math
 
 from numba import njit
 
+from .circuit_kernel import charge, field, inline, leaking, phi1, shorter, stored, straight
 from .static import HOOKE, law_stress_tangent
 
 _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
-_inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")
 
 # Everything is in one array of floats: a call with a dozen arrays costs more than a step of three branches.
 # ---- numbers of a plant
@@ -68,23 +69,20 @@ A_ER = 64 + 5 * BRANCHES
 A_FR = A_ER + STACK + 2
 A_Y = A_FR + STACK + 2
 A_SUM = A_Y + ELEMENTS + 1
-SIZE = A_SUM + ELEMENTS + 1
+# ---- coefficients of another length of step: X_H to X_Q1, exp(-x), k phi_1(x)
+A_OTHER = A_SUM + ELEMENTS + 1
+SIZE = A_OTHER + (X_Q1 - X_H + 1) + 2 * BRANCHES
 
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
 _SMALL = 3e-4  # a longer step (strain) is no smooth motion
 _CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
 _COURSE_TOLERANCE = 1e-7  # the same for the course of a mass or a damper, which adds up
+# share of the voltage by which an activated leak may be linearised beside the middle of a step, and least of it (V)
+_CENTRED, _LITTLE_V = 0.01, 0.1
 _SHORTEST = 5e-4  # part of a step from node to node below which no accuracy is sought any more
 #: steps tried on average for each one asked for; beyond, there is no answer
 _TRIES_A_STEP = 30
 _MAX_ITERATIONS = 60
-
-
-@_inline
-def _phi1(x):
-    if x < 1e-4:
-        return 1.0 - x * (0.5 - x / 6.0)
-    return -math.expm1(-x) / x
 
 
 @_jit
@@ -94,27 +92,33 @@ def _fill_table(w, h):
     for j in range(int(w[P_N])):
         k = w[A_K + j]
         z = h / w[A_TAU + j]
-        m = _phi1(z)
+        m = phi1(z)
         w[A_A + j] = 1.0 - z * m
         w[A_G + j] = k * m
         loss += k * z * m
         lag += k * m
     w[X_LOSS], w[X_LAG], w[X_H] = loss, lag, h
     if w[P_CHI] != 0.0:
-        w[X_PA], w[X_P0], w[X_P1] = _straight(h / w[P_TAUD])
+        w[X_PA], w[X_P0], w[X_P1] = straight(h / w[P_TAUD])
     if w[P_AQ] != 0.0:
-        w[X_QA], w[X_Q0], w[X_Q1] = _straight(h / w[P_TAUQ])
+        w[X_QA], w[X_Q0], w[X_Q1] = straight(h / w[P_TAUQ])
 
 
-@_inline
-def _straight(z):
-    """A lag under a straight input for z time constants: what stays, weights of the input's start and end."""
-    m = _phi1(z)
-    second = 0.5 - z / 6.0 if z < 1e-4 else (1.0 - m) / z
-    return 1.0 - z * m, z * (m - second), z * second
+@_jit
+def _table(w, h):
+    """Coefficients of a step of length h (s), which two lengths in turn need not work out again."""
+    many = X_Q1 - X_H + 1
+    for i in range(many):
+        w[X_H + i], w[A_OTHER + i] = w[A_OTHER + i], w[X_H + i]
+    for j in range(int(w[P_N])):
+        i = A_OTHER + many + j
+        w[A_A + j], w[i] = w[i], w[A_A + j]
+        w[A_G + j], w[i + BRANCHES] = w[i + BRANCHES], w[A_G + j]
+    if h != w[X_H]:
+        _fill_table(w, h)
 
 
-@_inline
+@inline
 def _elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
     """Elastic stress (Pa), its tangent, and the energy that the softening goes by (0 without softening)."""
     if law_id == HOOKE:
@@ -153,7 +157,7 @@ def _elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
     return s, t, W
 
 
-@_inline
+@inline
 def _backbone(w, x):
     """Stress and tangent of friction for a first loading to the strain x >= 0.
 
@@ -174,7 +178,7 @@ def _backbone(w, x):
     return w[A_SUM + yielded] + slope * x, slope
 
 
-@_inline
+@inline
 def _friction(w, e):
     """Friction stress and tangent at strain e, coming straight from the last step; nothing is changed.
 
@@ -202,7 +206,7 @@ def _friction(w, e):
     return last_f + d * 2.0 * f, t
 
 
-@_inline
+@inline
 def _commit_friction(w, e, f):
     """Make the step to strain e with friction stress f final in the state of friction."""
     e0 = w[X_FE]
@@ -221,74 +225,7 @@ def _commit_friction(w, e, f):
         w[X_DIR], w[X_TOP], w[X_FE], w[X_FF] = d, float(m), e, f
 
 
-@_inline
-def _charge(rs, rl, c0, c_eps, h, e0, e1, v0, u0, u1):
-    """Volts on the dielectric at the end of a step, their mean, the mean of their square, and d(end)/d(e1).
-
-    V' = (V_s - V)/(R C) - V/(R_l C) - V C'/C with the capacitance C0 (1 - e)^-2 (1 + c e) of the middle strain and
-    the supply V_s straight from u0 to u1.
-    """
-    em = 0.5 * (e0 + e1)
-    room = 1.0 - em
-    cm = c0 * (1.0 + c_eps * em) / (room * room)
-    slope = 2.0 / room + c_eps / (1.0 + c_eps * em)
-    feed = h / (rs * cm)
-    z = feed + h / (rl * cm) + slope * (e1 - e0)
-    if abs(z) < 1e-3:
-        p1 = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z / 24.0))
-        p2 = 0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0))
-        p3 = 1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0)
-        a = 1.0 - z * p1
-    else:
-        a = math.exp(-z)
-        p1 = (1.0 - a) / z
-        p2 = (1.0 - p1) / z
-        p3 = (0.5 - p2) / z
-    du = u1 - u0
-    end = a * v0 + feed * (u0 * p1 + du * p2)
-    mean = p1 * v0 + feed * (u0 * p2 + du * p3)
-    if z < 0.02:
-        # nearly straight
-        square = (v0 * v0 + v0 * end + end * end) / 3.0
-    else:
-        # a straight line l0 + l1 t/h and a transient
-        l1 = feed * du / z
-        l0 = (feed * u0 - l1) / z
-        c = v0 - l0
-        square = (l0 * l0 + l0 * l1 + l1 * l1 / 3.0 + 2.0 * c * (l0 * p1 + l1 * (p1 - a) / z)
-                  + c * c * (1.0 - a * a) / (2.0 * z))
-    return end, mean, square, -end * p1 * slope
-
-
-@_inline
-def _stored(w, factor, aq, chi, v1, vm, v2, dv, vq, P):
-    """Stored charge and polarisation at the end of a step, and the Maxwell stress with them, without stretch (Pa):
-    just after a jump at the start that makes the mean right, at the end, and d(end)/d(strain)."""
-    start = 2.0 * vm - v1
-    vq1, P1 = vq, P
-    if aq != 0.0:
-        vq1 = vq * w[X_QA] + aq * (start * w[X_Q0] + v1 * w[X_Q1])
-    if chi != 0.0:
-        P1 = P * w[X_PA] + chi * ((start - vq) * w[X_P0] + (v1 - vq1) * w[X_P1])
-    x = v1 - vq1
-    end = factor * (x + P1) * x
-    qm, pm = 0.5 * (vq + vq1), 0.5 * (P + P1)
-    mean = factor * (v2 - 2.0 * vm * qm + qm * qm + pm * (vm - qm))
-    return vq1, P1, 2.0 * mean - end, end, factor * (2.0 * x + P1) * dv
-
-
-@_inline
-def _field(thick, c_eps, e):
-    """What the stretch makes of the Maxwell stress: factor and derivative."""
-    f, d = 1.0 + c_eps * e, c_eps
-    if thick:
-        i = 1.0 / (1.0 - e)
-        d = (d + 2.0 * f * i) * i * i
-        f *= i * i
-    return f, d
-
-
-@_inline
+@inline
 def _damped(c, F0, F1, G, h):
     """c y' + G y = F0 + F1 t/h from y = 0: its end and its mean over h."""
     z = G * h / c
@@ -303,7 +240,7 @@ def _damped(c, F0, F1, G, h):
     return h / c * (F0 * p1 + F1 * p2), h / c * (F0 * p2 + F1 * p3)
 
 
-@_inline
+@inline
 def _swinging(m, c, F0, F1, G, h, v0):
     """m y'' + c y' + G y = F0 + F1 t/h from y = 0, y' = v0: end, rate at the end, mean over h."""
     b = F1 / (h * G)
@@ -348,9 +285,10 @@ def run(w, law_p, h, u0, u1, out):
     k, q, a, g = w[A_K:A_K + n], w[A_Q:A_Q + n], w[A_A:A_A + n], w[A_G:A_G + n]
     e, vel, V, vq, P, Wm = w[X_E], w[X_VEL], w[X_V], w[X_VQ], w[X_P], w[X_WM]
     s, t, f, tf, Q = w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q]
-    ph, dph = _field(thick, c_eps, e)
+    ph, dph = field(thick, c_eps, e)
     known, B, KP = w[X_H], w[X_LOSS], w[X_LAG]
-    rl = w[P_RL]
+    lag_q, lag_p = w[X_QA:X_QA + 3], w[X_PA:X_PA + 3]
+    rl, lift, curve, middle = w[P_RL], 0.0, 0.0, 0.0
     D1, D2, step1 = 0.0, 0.0, -1.0
     spent, budget = 0, _TRIES_A_STEP * h.size + 20_000
     for i in range(h.size):
@@ -368,7 +306,7 @@ def run(w, law_p, h, u0, u1, out):
                 e = math.nan
                 break
             if step != known:
-                _fill_table(w, step)
+                _table(w, step)
                 known, B, KP = step, w[X_LOSS], w[X_LAG]
             if done > 0.0 or step < whole:
                 rise = (u1[i] - u0[i]) / whole
@@ -377,9 +315,8 @@ def run(w, law_p, h, u0, u1, out):
             for j in range(n):
                 kept += q[j] * a[j]
             A, Ka = Q - kept, K - B
-            if active > 0.0:
-                # a conductance that the field activates (Poole and Frenkel), at the field of the start
-                rl = w[P_RL] * math.exp(-math.sqrt(abs(V) / w[P_Z0] / active))
+            # what a change of V^2 moves at once, and what holds against it
+            prompt = 0.0 if moving else factor * ph / (t + tf + K - factor * V * V * dph)
             # smooth motion goes on as it did: then the first correction is the last
             D = 2.0 * D1 - D2 if step == step1 else 0.0
             if abs(D) > _SMALL:
@@ -388,9 +325,9 @@ def run(w, law_p, h, u0, u1, out):
             if rs == 0.0:
                 v2 = (v_start * v_start + v_start * v_end + v_end * v_end) * (1.0 / 3.0)
             vq1, P1, ss, se, dse = vq, P, 0.0, 0.0, 0.0
+            good, centred = False, True
             J, y, change, room, G = 0.0, 0.0, 0.0, 0.0, 0.0
             s1, t1, f1, tf1, ph1, dph1, W1, vel1 = s, t, f, tf, ph, dph, 0.0, vel
-            good = False
             for it in range(_MAX_ITERATIONS):
                 e1 = e + D
                 if curved and (it > 0 or D != 0.0):
@@ -398,15 +335,22 @@ def run(w, law_p, h, u0, u1, out):
                     if sy > 0.0:
                         f1, tf1 = _friction(w, e1)
                     if stretches:
-                        ph1, dph1 = _field(thick, c_eps, e1)
+                        ph1, dph1 = field(thick, c_eps, e1)
                 if it == 0 or rs > 0.0:
                     if rs > 0.0:
-                        v1, vm, v2, dv = _charge(rs, rl, c0, c_eps, step, e, e1, V, v_start, v_end)
+                        if active > 0.0:
+                            middle = vm if it > 0 else V + 0.5 * (v_end - v_start)
+                            rl, lift, curve = leaking(w[P_RL], active, w[P_Z0], rs, middle)
+                        v1, vm, v2, dv, _, _, _, _ = charge(rs, rl, c0, c_eps, prompt, step, e, e1, V, v_start + lift,
+                                                            v_end + lift)
+                        if active > 0.0:
+                            centred = abs(vm - middle) <= _CENTRED * abs(vm) + _LITTLE_V
                     se = factor * v1 * v1
                     ss = 2.0 * factor * v2 - se
                     dse = 2.0 * factor * v1 * dv
                     if stores:
-                        vq1, P1, ss, se, dse = _stored(w, factor, aq, chi, v1, vm, v2, dv, vq, P)
+                        vq1, P1, ss, se, dse = stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv,
+                                                         vq, P)
                 if moving:
                     F0 = ss * ph - s - f - Q
                     if not curved:
@@ -426,7 +370,7 @@ def run(w, law_p, h, u0, u1, out):
                         change *= 0.5  # a secant that swings to and fro
                     D += change
                     y = D - J
-                    good = abs(change) < 2e-9
+                    good = abs(change) < 2e-9 and centred
                 else:
                     T = t1 + tf1 - se * dph1 - ph1 * dse
                     room = 1.0 / (T + KP + B)
@@ -437,7 +381,7 @@ def run(w, law_p, h, u0, u1, out):
                     if it > 25:
                         change *= 0.5  # to and fro across a corner of friction or softening
                     D += change
-                    if not curved or (abs(change) < _TOLERANCE and (it > 0 or change != D)):
+                    if not curved or (abs(change) < _TOLERANCE and (it > 0 or change != D) and centred):
                         good = True
                         y += B * room * change
                         W1 += s1 * change
@@ -476,14 +420,32 @@ def run(w, law_p, h, u0, u1, out):
             if rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
                 # a motional current that comes early in the step and is over at its end
                 x = step / (rs * c0)
-                if 2.0 * abs(D * (e + D)) * x * x / (1.0 + x * x * x) > _CREEP_TOLERANCE:
-                    step *= 0.5
+                wrong = 2.0 * abs(D * (e + D)) * x * x / (1.0 + x * x * x)
+                # to first order it is known, at an even voltage
+                wrong *= min(1.0, 4.0 * abs(v1 - V) / max(abs(v1), abs(V)) + 4.0 * abs(D))
+                if wrong > _CREEP_TOLERANCE:
+                    # a step of several time constants says nothing about one within the first
+                    step = min(0.5 * step, rs * c0) if x > 1.0 else step * shorter(_CREEP_TOLERANCE / wrong, 1.0 / 3.0)
                     continue
+                if 8.0 * wrong > _CREEP_TOLERANCE:
+                    grow = min(grow, 0.9 * (_CREEP_TOLERANCE / wrong) ** (1.0 / 3.0))
+            if active > 0.0 and step > 1e-6 * whole:
+                # the tangent at the middle, and the current bent beside it
+                far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
+                wrong = 0.1 * abs(e + D) * rs / (rs + rl) * curve * far * far * min(1.0, step / (rs * c0))
+                if wrong > _CREEP_TOLERANCE:
+                    step *= shorter(_CREEP_TOLERANCE / wrong, 0.5)
+                    continue
+                if 4.0 * wrong > _CREEP_TOLERANCE:
+                    grow = min(grow, 0.9 * math.sqrt(_CREEP_TOLERANCE / wrong))
             if n > 0 and 0.003 * (t1 + K) < B and step > 1e-6 * whole:
                 creep = abs(A + B * (D - y)) / (t1 + K + B)
-                if 0.1 * creep * B > _CREEP_TOLERANCE * (t1 + K):
-                    step *= 0.5
+                wrong = 0.1 * creep * B / (t1 + K)
+                if wrong > _CREEP_TOLERANCE:
+                    step *= shorter(_CREEP_TOLERANCE / wrong, 0.5)
                     continue
+                if 4.0 * wrong > _CREEP_TOLERANCE:
+                    grow = min(grow, 0.9 * math.sqrt(_CREEP_TOLERANCE / wrong))
             J = D - y
             Q = 0.0
             for j in range(n):
@@ -519,7 +481,7 @@ def prepare(w, law_p):
         w[P_K] += w[A_K + j]
         w[A_Q + j] = 0.0
     w[X_E:X_TRIED + 1] = 0.0
-    w[X_H] = -1.0
+    w[X_H] = w[A_OTHER] = -1.0
     w[X_S], w[X_T], _ = _elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], 0.0, 1.0, 0.0, 0.0, 0.0)
     n = int(w[P_ELEMENTS])
     if w[P_SY] > 0.0:

@@ -7,6 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .coupled_kernel import coupled
 from .electrostatics import VOLTAGE_GEOMETRY
 from .mechanics import GKV, strain_driven_kernel
 from .nodes import Nodes
@@ -31,11 +32,12 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     if plant.stroke_m == 0.0:
         raise InputError(f"a voltage recording needs {', '.join(VOLTAGE_GEOMETRY)}; write them under [actuator] in "
                          "campaign.toml")
-    h, volts = nodes.durations(), nodes.volts
+    h, command, rows = nodes.durations(), nodes.command(), nodes.rows()
     if past is not None:
         h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
-        volts = np.concatenate([past.volts, volts])
-    out = plant.stroke_m * _strain(plant, h, volts, nodes.hold == "linear")[-nodes.size:]
+        command = np.concatenate([past.command(), command], axis=1)
+        rows = np.concatenate([past.rows(), rows])
+    out = nodes.read(plant.stroke_m * _strain(plant, h, command[0], command[1], rows)[-nodes.size:])
     if plant.alpha_T_m_per_K != 0.0:
         if nodes.temperature_C is None:
             raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
@@ -44,16 +46,22 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     return out
 
 
-def _strain(plant: Plant, h: NDArray, volts: NDArray, linear: bool) -> NDArray[np.float64]:
-    u0, u1, at = volts, volts, None
-    if linear or plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
+def _strain(plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray) -> NDArray[np.float64]:
+    at = None
+    if plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
         limits = (plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
         at = np.empty(h.size, dtype=np.int64)
-        nothing = np.empty(0)
-        lines = np.empty((3, supply(h, volts, linear, *limits, nothing, nothing, nothing, at)))
-        supply(h, volts, linear, *limits, lines[0], lines[1], lines[2], at)
-        h, u0, u1 = lines[0], lines[1], lines[2]
+        room, many = 0, 2 * h.size
+        while many > room:
+            room = many
+            lines = np.empty((3, room))
+            many = supply(h, u0, u1, rows, *limits, lines[0], lines[1], lines[2], at)
+        h, u0, u1 = lines[0, :many], lines[1, :many], lines[2, :many]
     out = np.empty(h.size)
+    if plant.is_coupled:
+        coupled(h, u0, u1, *plant.modes, plant.factor, plant.chi, plant.tau_d_s, plant.R_s_ohm, plant.R_leak_ohm,
+                plant.capacitance_F, plant.E_0_V_per_m, plant.thickness_m, plant.a_q, plant.tau_q_s, out)
+        return out if at is None else out[at]
     if not plant.is_linear and not plant.swings and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
         return out if at is None else out[at]

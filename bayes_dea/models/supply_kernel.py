@@ -7,8 +7,15 @@ import math
 import numpy as np
 from numba import njit
 
+from .circuit_kernel import leaking
+
 #: a ramp is cut into lines of at most so many volts, because the stress along it is the square
 _RAMP_V = 100.0
+#: by how much one line may miss a ramp that is over soon, and a fall that goes on
+_MISSED_V, _CURVED_V = 1.0, 0.25
+
+#: pieces of a step in which an activated leak charges, and share of the voltage by which it then changes
+_PIECES, _FAR = 24, 0.05
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
@@ -20,66 +27,129 @@ def _limited(v, dead, top):
 
 
 @_jit
-def supply(h, volts, linear, dead, top, slew, tau_fall, H, u0, u1, last):
+def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last):
     """Supply voltage (V) as straight lines u0 -> u1 of duration H (s); returns how many there are.
 
     Dead zone and saturation act on the command, then the slew rate limits every change and the fall time constant
-    those towards smaller magnitude. volts (m,): held during the step h (m,) s that ends at a node, or straight between
-    nodes. last (m,): the line that ends at each node. A ramp that ends within a step, or a fall that is curved there,
-    is cut; each line has its end and its mean right. With arrays of size 0 the lines are only counted.
+    those towards smaller magnitude. The command is straight from c0 to c1 (m,) during the step h (m,) s that ends at a
+    node; where it is not followed smoothly it is taken as held at the middle of each of the step's rows (m,). last
+    (m,): the line that ends at each node. What is quicker than a step, or curved in it, is cut; each line has its end
+    and its mean right, and misses the course by a volt at most. With arrays of size 0 the lines are only counted.
     """
     v = 0.0
     slew = min(slew, 1e15)  # infinity times no time is no number
+    instant = slew >= 1e15 and tau_fall == 0.0
+    cuts = np.empty(6)
     count = 0
-    write = H.size > 0
     for i in range(h.size):
-        goal = _limited(volts[i], dead, top)
-        start = _limited(volts[i - 1], dead, top) if linear and i > 0 else goal
-        if slew >= 1e15 and tau_fall == 0.0:
-            if write:
-                H[count], u0[count], u1[count] = h[i], start, goal
-            count += 1
-            v = goal
-        elif linear and tau_fall == 0.0:
-            end = goal if slew * h[i] >= abs(goal - v) else v + math.copysign(slew * h[i], goal - v)
-            if write:
-                H[count], u0[count], u1[count] = h[i], v, end
-            count += 1
-            v = end
+        if c0[i] == c1[i]:
+            goal = _limited(c0[i], dead, top)
+            if instant or goal == v:
+                v, count = _line(h[i], goal, goal, H, u0, u1, count)
+            else:
+                v, count = _held(h[i], v, goal, slew, tau_fall, H, u0, u1, count)
         else:
-            # a straight command is taken as held at its middle
-            aim, left = 0.5 * (start + goal), h[i]
-            least = 1e-7 * h[i]  # what is shorter than this happens at once
-            while True:
-                gap = aim - v
-                falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
-                rest = abs(gap) - slew * tau_fall if falling else abs(gap)
-                if rest > slew * least:
-                    # as fast as the current lets it
-                    time = rest / slew
-                    step = min(left, time, _RAMP_V / slew)
-                    change = math.copysign(rest if step == time else slew * step, gap)
-                    end, mean = v + change, v + 0.5 * change
-                elif falling:
-                    step = left
-                    if abs(gap) > 0.3 and abs(gap) * (left / tau_fall) ** 2 > 8.0:
-                        # a straight line would miss the course by more than a volt
-                        step = min(left, 0.25 * tau_fall)
-                    z = step / tau_fall
-                    end = aim - gap * math.exp(-z)
-                    mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
+            # straight parts of what the limits leave of a straight command
+            n = _kinks(c0[i], c1[i], dead, top, cuts)
+            for k in range(n - 1):
+                part = (cuts[k + 1] - cuts[k]) * h[i]
+                start = _limited(c0[i] + cuts[k] * (c1[i] - c0[i]), dead, top)
+                goal = _limited(c0[i] + cuts[k + 1] * (c1[i] - c0[i]), dead, top)
+                if instant:
+                    v, count = _line(part, start, goal, H, u0, u1, count)
                 else:
-                    step, end, mean = left, aim, aim
-                if write:
-                    H[count], u0[count], u1[count] = step, 2.0 * mean - end, end
-                count += 1
-                v = end
-                left -= step
-                if left <= least:
-                    break
-        if write:
-            last[i] = count - 1
+                    few = max(1, round((cuts[k + 1] - cuts[k]) * rows[i]))
+                    v, count = _followed(part, v, start, goal, few, slew, tau_fall, H, u0, u1, count)
+        last[i] = count - 1
     return count
+
+
+@_jit
+def _line(h, start, end, H, u0, u1, count):
+    """Write one line down, if there is room; its end, and how many there are."""
+    if count < H.size:
+        H[count], u0[count], u1[count] = h, start, end
+    return end, count + 1
+
+
+@_jit
+def _kinks(c0, c1, dead, top, cuts):
+    """Shares of a line from c0 to c1 at which a limit begins or ends, with 0 and 1 (in `cuts`); how many."""
+    cuts[0] = 0.0
+    n = 1
+    up = 1.0 if c1 > c0 else -1.0
+    for level in (-dead - top, -dead, dead, dead + top):
+        share = (up * level - c0) / (c1 - c0)
+        if 0.0 < share < 1.0 and (dead > 0.0 or abs(level) > 0.0):
+            cuts[n] = share
+            n += 1
+    cuts[n] = 1.0
+    return n + 1
+
+
+@_jit
+def _held(h, v, aim, slew, tau_fall, H, u0, u1, count):
+    """From v towards a goal that is held for h (s)."""
+    left = h
+    least = 1e-7 * h  # what is shorter than this happens at once
+    while True:
+        gap = aim - v
+        falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
+        rest = abs(gap) - slew * tau_fall if falling else abs(gap)
+        if rest > slew * least:
+            # as fast as the current lets it
+            time = rest / slew
+            if not falling and time <= left and rest * time < _MISSED_V * left:
+                # a ramp that is over soon: by its mean
+                end = aim
+                v, count = _line(left, aim - gap * time / left, end, H, u0, u1, count)
+                break
+            step = min(left, time, _RAMP_V / slew)
+            change = math.copysign(rest if step == time else slew * step, gap)
+            end, mean = v + change, v + 0.5 * change
+        elif falling:
+            step = left
+            if abs(gap) * min(left / tau_fall, 1.0) ** 2 > 8.0 * _CURVED_V:
+                # what is behind a resistance sees the slope of the course
+                step = min(left, tau_fall * math.sqrt(8.0 * _CURVED_V / abs(gap)))
+            z = step / tau_fall
+            end = aim - gap * math.exp(-z)
+            mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
+        else:
+            step, end, mean = left, aim, aim
+        v, count = _line(step, 2.0 * mean - end, end, H, u0, u1, count)
+        left -= step
+        if left <= least:
+            break
+    return v, count
+
+
+@_jit
+def _followed(h, v, start, goal, rows, slew, tau_fall, H, u0, u1, count):
+    """From v along a goal that goes straight from `start` to `goal` in h (s)."""
+    gap, rise = start - v, (goal - start) / h
+    lagging = tau_fall > 0.0 and goal * v >= 0.0 and abs(goal) < abs(v) and abs(goal) <= abs(start) <= abs(v)
+    if lagging:
+        z = h / tau_fall
+        # the part of the gap that dies out; the rest goes along
+        dying = gap - rise * tau_fall
+        if abs(gap) <= slew * tau_fall and abs(rise) <= slew and abs(dying) * min(z * z, 1.0) <= 8.0 * _CURVED_V:
+            decay = math.expm1(-z)
+            end = goal - rise * tau_fall - dying * (1.0 + decay)
+            mean = 0.5 * (start + goal) - rise * tau_fall + dying * (decay / z if z > 1e-6 else 0.5 * z - 1.0)
+            return _line(h, 2.0 * mean - end, end, H, u0, u1, count)
+    elif tau_fall == 0.0 or (abs(goal) >= abs(start) >= abs(v) and goal * start >= 0.0 and start * v >= 0.0):
+        if abs(goal - v) > slew * h:
+            end = v + math.copysign(slew * h, goal - v)
+            return _line(h, v, end, H, u0, u1, count)
+        lost = gap * min(abs(gap) / slew, h) / h
+        if abs(lost) < _MISSED_V:
+            # caught up soon: by its mean
+            return _line(h, start - lost, goal, H, u0, u1, count)
+        return _line(h, v, goal, H, u0, u1, count)
+    for k in range(rows):
+        v, count = _held(h / rows, v, start + (k + 0.5) / rows * (goal - start), slew, tau_fall, H, u0, u1, count)
+    return v, count
 
 
 @_jit
@@ -97,22 +167,15 @@ def drive_lags(h, factor, rs, leak, c0, active, thickness, aq, tau_q, chi, tau_d
     for i in range(h.size):
         a0, a1 = u0[i], u1[i]
         if rs > 0.0:
-            rl = leak
-            if active > 0.0:
-                rl *= math.exp(-math.sqrt(abs(v) / thickness / active))
-            feed = h[i] / (rs * c0)
-            z = feed + h[i] / (rl * c0)
-            if z < 1e-3:
-                p1 = 1.0 - z * (0.5 - z / 6.0)
-                p2 = 0.5 - z * (1.0 / 6.0 - z / 24.0)
-                p3 = 1.0 / 6.0 - z / 24.0
-            else:
-                p1 = -math.expm1(-z) / z
-                p2 = (1.0 - p1) / z
-                p3 = (0.5 - p2) / z
-            new = (1.0 - z * p1) * v + feed * (a0 * p1 + (a1 - a0) * p2)
-            mean = p1 * v + feed * (a0 * p2 + (a1 - a0) * p3)
-            a0, a1 = 2.0 * mean - new, new
+            # an activated leak is followed in pieces while it charges
+            pieces = _PIECES if active > 0.0 and abs(a1 - v) > _FAR * abs(a1) else 1
+            total, h1 = 0.0, h[i] / pieces
+            for k in range(pieces):
+                b0, b1 = a0 + (a1 - a0) * k / pieces, a0 + (a1 - a0) * (k + 1) / pieces
+                new, mean = _charged(h1, rs, leak, c0, active, thickness, b0, b1, v)
+                total += mean / pieces
+                v = new
+            a0, a1 = 2.0 * total - v, v
         v = a1
         q0, p0 = vq, p
         if aq != 0.0:
@@ -123,6 +186,30 @@ def drive_lags(h, factor, rs, leak, c0, active, thickness, aq, tau_q, chi, tau_d
         end[i] = factor * (w1 + p) * w1
         mean2 = factor * ((w0 * w0 + w0 * w1 + w1 * w1) / 3.0 + 0.25 * (p0 + p) * (w0 + w1))
         start[i] = 2.0 * mean2 - end[i]
+
+
+@_jit
+def _charged(h, rs, leak, c0, active, thickness, u0, u1, v):
+    """Volts on a constant capacitance after h (s) under a supply straight from u0 to u1 (V), and their mean."""
+    rl, lift, middle = leak, 0.0, v + 0.5 * (u1 - u0)
+    new = mean = v
+    for _ in range(3 if active > 0.0 else 1):
+        if active > 0.0:
+            rl, lift, _bend = leaking(leak, active, thickness, rs, middle)
+        feed = h / (rs * c0)
+        z = feed + h / (rl * c0)
+        if z < 1e-3:
+            p1 = 1.0 - z * (0.5 - z / 6.0)
+            p2 = 0.5 - z * (1.0 / 6.0 - z / 24.0)
+            p3 = 1.0 / 6.0 - z / 24.0
+        else:
+            p1 = -math.expm1(-z) / z
+            p2 = (1.0 - p1) / z
+            p3 = (0.5 - p2) / z
+        new = (1.0 - z * p1) * v + feed * ((u0 + lift) * p1 + (u1 - u0) * p2)
+        mean = p1 * v + feed * ((u0 + lift) * p2 + (u1 - u0) * p3)
+        middle = mean
+    return new, mean
 
 
 @_jit

@@ -88,7 +88,8 @@ def reference(p, levels=LEVELS, step=1e-3):
         V = voltage(e, x, level)
         dx = np.zeros_like(x)
         if rs:
-            dx[0] = (level - V) / rs - V / rl
+            field = abs(V) / Z0 / p.get("E_0_V_per_m", math.inf)
+            dx[0] = (level - V) / rs - V / rl * math.exp(math.sqrt(field))
         dx[1] = (aq * V - x[1]) / p.get("tau_q_s", 1.0)
         dx[2] = (chi * (V - x[1]) - x[2]) / p.get("tau_d_s", 1.0)
         dx[3:3 + n] = (e - x[3:3 + n]) / tau

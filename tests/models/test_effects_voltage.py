@@ -19,9 +19,12 @@ from bayes_dea.models.simulate_plant import displacement, simulate_nodes
 UM = 1e-6
 #: effects, parameters, worst error allowed in um
 CASES = [
-    ("series_resistance", {"R_s_ohm": 150e3}, 0.02),
-    ("series_resistance", {"R_s_ohm": 5e3}, 0.03),
-    ("leakage", {"R_s_ohm": 50e3, "R_leak_ohm": 5e6}, 0.02),
+    ("series_resistance", {"R_s_ohm": 150e3}, 0.01),
+    ("series_resistance", {"R_s_ohm": 5e3}, 0.003),
+    ("leakage", {"R_s_ohm": 50e3, "R_leak_ohm": 5e6}, 0.01),
+    ("leakage", {"R_s_ohm": 70e3, "R_leak_ohm": 1e7, "E_0_V_per_m": 3e6}, 0.03),
+    ("leakage", {"R_s_ohm": 4e3, "R_leak_ohm": 1e6, "E_0_V_per_m": 2e6}, 0.01),
+    ("leakage+strain_stiffening", {"R_s_ohm": 70e3, "R_leak_ohm": 1e7, "E_0_V_per_m": 3e6, "beta": 300.0}, 0.03),
     ("charge_retention", {"a_q": 0.3, "tau_q_s": 0.05}, 1e-4),
     ("dielectric_absorption", {"chi": 0.05, "tau_d_s": 0.05}, 1e-4),
     ("thickness_feedback", {}, 1e-4),
@@ -41,6 +44,8 @@ CASES = [
      {"R_s_ohm": 1e5, "chi": 0.05, "tau_d_s": 0.05}, 0.02),
     ("series_resistance+stretch_dependent_permittivity", {"R_s_ohm": 1e5, "c_eps": -1.0}, 0.02),
     ("series_resistance+extra_relaxation_mode", {"R_s_ohm": 1e4, "k_x_Pa": 2e5, "tau_x_s": 2e-3}, 0.02),
+    ("series_resistance+extra_relaxation_mode", {"R_s_ohm": 70e3, "k_x_Pa": 7e6, "tau_x_s": 2e-4}, 0.02),
+    ("leakage+parallel_damper", {"R_s_ohm": 50e3, "R_leak_ohm": 5e6, "d0_Pa_s": 2e3}, 0.02),
     ("series_resistance+inertia", {"R_s_ohm": 150e3, "f_1_Hz": 80.0, "zeta": 0.05}, 0.05),
     ("thickness_feedback+extra_relaxation_mode", {"k_x_Pa": 2e5, "tau_x_s": 2e-3}, 0.02),
     ("thickness_feedback+strain_stiffening+inertia", {"beta": 200.0, "f_1_Hz": 200.0, "zeta": 0.05}, 0.05),
@@ -128,6 +133,21 @@ def test_a_ramp_of_the_supply_charges_through_the_resistance():
         return 63_700.0 * (x - rc * (1 - np.exp(-x / rc)))
     expected = ramp(s) - np.where(s > 600 / 63_700, ramp(np.maximum(s - 600 / 63_700, 0)), 0)
     assert volts == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.parametrize("rs", [2e3, 8e3, 60e3])
+def test_a_falling_supply_is_followed_through_the_resistance(rs):
+    """Fall of 4 ms behind a resistance, stiff enough that the capacitance stays: two exponentials."""
+    stiff, tau = 1.2e9, 4e-3
+    recording = held(((0.01, 0.0), (0.05, 1000.0), (0.05, 200.0)))
+    found = simulate(build_model("hooke+series_resistance+one_quadrant_supply"),
+                     {"Y_Pa": stiff, "R_s_ohm": rs, "tau_fall_s": tau}, recording)
+    volts = np.sqrt(found * stiff / (STROKE * FACTOR))
+    s, rc = recording.time_s[61:] - 0.06, rs * C0
+    top = 1000 * (1 - np.exp(-0.05 / rc))
+    a = 800 * tau / (tau - rc)
+    expected = 200 + a * np.exp(-s / tau) + (top - 200 - a) * np.exp(-s / rc)
+    assert volts[61:] == pytest.approx(expected, abs=0.1)
 
 
 def test_leakage_at_rest_divides_the_voltage():

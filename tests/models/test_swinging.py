@@ -27,7 +27,7 @@ def test_modes_and_steps_agree(more):
     h, volts, _ = command()
     by_steps = np.empty(h.size)
     drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps)
-    by_modes = _strain(plant, h, volts, False)
+    by_modes = _strain(plant, h, volts, volts, np.ones(h.size, dtype=np.int64))
     assert np.max(np.abs(by_modes - by_steps)) < 2e-5 * np.max(np.abs(by_steps))
 
 
@@ -45,11 +45,12 @@ def test_modes_solve_the_equation_of_motion():
         return [x[1], (stress - plant.Y_Pa * x[0] - x[2] - d * x[1]) / mass, k * x[1] - x[2] / tau]
 
     solved = solve_ivp(rate, (0, 0.3), [0, 0, 0], method="DOP853", rtol=1e-11, atol=1e-16, t_eval=t + 1e-3)
-    ours = _strain(plant, h, volts, False)
+    ours = _strain(plant, h, volts, volts, np.ones(h.size, dtype=np.int64))
     assert np.max(np.abs(ours[: solved.y.shape[1]] - solved.y[0])) < 1e-8 * np.max(np.abs(ours))
 
 
 def test_numbers_that_are_none_have_no_answer_and_no_error():
     h, volts, _ = command(10)
-    assert np.isnan(_strain(replace(PLANT, Y_Pa=np.nan), h, volts, False)).all()
-    assert np.isnan(_strain(replace(PLANT, f_1_Hz=1e200), h, volts, False)).all()
+    rows = np.ones(10, dtype=np.int64)
+    assert np.isnan(_strain(replace(PLANT, Y_Pa=np.nan), h, volts, volts, rows)).all()
+    assert np.isnan(_strain(replace(PLANT, f_1_Hz=1e200), h, volts, volts, rows)).all()

@@ -1,0 +1,132 @@
+"""The dielectric's circuit along one step: charging through a resistance, stored charge, Maxwell stress.
+
+The supply is straight within a step. Compiled into the kernels that call it; Numba keeps their code by the dates of
+their own files: after an edit of this one touch `plant_kernel.py` and `coupled_kernel.py`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")
+
+
+@inline
+def phi1(x):
+    if x < 1e-4:
+        return 1.0 - x * (0.5 - x / 6.0)
+    return -math.expm1(-x) / x
+
+
+@inline
+def straight(z):
+    """A lag under a straight input for z time constants: what stays, weights of the input's start and end."""
+    m = phi1(z)
+    second = 0.5 - z / 6.0 if z < 1e-4 else (1.0 - m) / z
+    return 1.0 - z * m, z * (m - second), z * second
+
+
+@inline
+def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
+    """Volts on the dielectric at the end of a step, their mean, the mean of their square, and d(end)/d(e1); then the
+    course V = l + c exp(-z t/h) that is behind them: z, c, start and rise of the line l. c = 0 where it is straight.
+
+    V' = (V_s - V)/(R C) - V/(R_l C) - V C'/C with the capacitance C0 (1 - e)^-2 (1 + c e) of the middle strain and
+    the supply V_s straight from u0 to u1. What charges within the step moves the film at once by `prompt` (1/V^2) times
+    the change of V^2: that motion is early in the step, as exp(-z t/h) and its square. The rest of it is even along the
+    step. The current of the first is worked out to first order.
+    """
+    em = 0.5 * (e0 + e1)
+    room = 1.0 - em
+    cm = c0 * (1.0 + c_eps * em) / (room * room)
+    slope = 2.0 / room + c_eps / (1.0 + c_eps * em)
+    feed = h / (rs * cm)
+    x = feed + h / (rl * cm)
+    du = u1 - u0
+    z = x + slope * (e1 - e0)
+    if abs(z) < 0.02 or x < 0.02:
+        # nearly straight, and no time to be early in
+        p3 = 1.0 / 6.0 - z * (1.0 / 24.0 - z * (1.0 / 120.0 - z / 720.0))
+        p2 = 0.5 - z * p3
+        p1 = 1.0 - z * p2
+        a = 1.0 - z * p1
+        end = a * v0 + feed * (u0 * p1 + du * p2)
+        mean = p1 * v0 + feed * (u0 * p2 + du * p3)
+        square = (v0 * v0 + v0 * end + end * end) / 3.0
+        return end, mean, square, -end * p1 * slope, z, 0.0, v0, end - v0
+    a = math.exp(-x)
+    first = second = 0.0
+    if prompt > 0.0:
+        l1 = feed * du / x
+        l0 = (feed * u0 - l1) / x
+        c = v0 - l0
+        first = 2.0 * prompt * (l0 + 0.5 * l1) * c * (a - 1.0)
+        second = prompt * c * c * (a * a - 1.0)
+        z -= slope * (first + second)
+    a = math.exp(-z)
+    p1 = (1.0 - a) / z
+    p2 = (1.0 - p1) / z
+    p3 = (0.5 - p2) / z
+    end = a * v0 + feed * (u0 * p1 + du * p2)
+    mean = p1 * v0 + feed * (u0 * p2 + du * p3)
+    # a straight line l0 + l1 t/h and a transient
+    l1 = feed * du / z
+    l0 = (feed * u0 - l1) / z
+    c = v0 - l0
+    square = (l0 * l0 + l0 * l1 + l1 * l1 / 3.0 + 2.0 * c * (l0 * p1 + l1 * (p1 - a) / z)
+              + c * c * (1.0 - a * a) / (2.0 * z))
+    dv = -end * p1 * slope
+    if prompt > 0.0:
+        less = slope * mean * (first * ((1.0 - a) / z - a) / (1.0 - a) + second * p1 / (1.0 + a))
+        end -= slope * a * (first * mean / p1 + second * (2.0 * (l0 + 0.5 * l1) / (1.0 + a) + c))
+        square -= 2.0 * mean * less
+        mean -= less
+    return end, mean, square, dv, z, c, l0, l1
+
+
+@inline
+def leaking(leak, active, thickness, rs, v):
+    """Of a conductance that the field activates (Poole and Frenkel), about v volts: resistance of its tangent (ohm),
+    what the rest of its current is worth at the supply (V), and the bend of the current, v^2/i d2i/dv2."""
+    r = math.sqrt(abs(v) / thickness / active)
+    slope = math.exp(r) / leak
+    return 1.0 / (slope * (1.0 + 0.5 * r)), 0.5 * rs * slope * r * v, 0.25 * r * (1.0 + r)
+
+
+@inline
+def stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv, vq, P):
+    """Stored charge and polarisation at the end of a step, and the Maxwell stress with them, without stretch (Pa):
+    just after a jump at the start that makes the mean right, at the end, and d(end)/d(strain).
+
+    lag_q, lag_p: what stays of either after a step, weights of the input's start and end (`straight`).
+    """
+    start = 2.0 * vm - v1
+    vq1, P1 = vq, P
+    if aq != 0.0:
+        vq1 = vq * lag_q[0] + aq * (start * lag_q[1] + v1 * lag_q[2])
+    if chi != 0.0:
+        P1 = P * lag_p[0] + chi * ((start - vq) * lag_p[1] + (v1 - vq1) * lag_p[2])
+    x = v1 - vq1
+    end = factor * (x + P1) * x
+    qm, pm = 0.5 * (vq + vq1), 0.5 * (P + P1)
+    mean = factor * (v2 - 2.0 * vm * qm + qm * qm + pm * (vm - qm))
+    return vq1, P1, 2.0 * mean - end, end, factor * (2.0 * x + P1) * dv
+
+
+@inline
+def field(thick, c_eps, e):
+    """What the stretch makes of the Maxwell stress: factor and derivative."""
+    f, d = 1.0 + c_eps * e, c_eps
+    if thick:
+        i = 1.0 / (1.0 - e)
+        d = (d + 2.0 * f * i) * i * i
+        f *= i * i
+    return f, d
+
+
+@inline
+def shorter(ratio, power):
+    """Factor for a step whose error is to shrink by `ratio` and goes with the 1/power-th power of its length."""
+    return max(0.2, 0.9 * ratio**power)

@@ -1,0 +1,118 @@
+"""Slow commands in few steps: what is left of the rows, and that no answer notices."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_reference import ACTUATOR, BASE, held
+
+from bayes_dea.campaign import recording_from_arrays
+from bayes_dea.models.effects import registered_effects
+from bayes_dea.models.model import build_model
+from bayes_dea.models.nodes import make_nodes, past_nodes
+from bayes_dea.models.plant import plant_of
+from bayes_dea.models.simulate_plant import simulate_nodes
+
+UM = 1e-6
+T = np.arange(24_000) * 1e-3
+PHASE = 0.1 * np.clip(T - 0.5, 0, None) % 1.0
+SINE = np.where(T > 0.5, 650 + 400 * np.sin(2 * np.pi * PHASE), 0.0)
+TRIANGLE = np.where(T > 0.5, 650 + 400 * (1 - 4 * np.abs((PHASE + 0.25) % 1.0 - 0.5)), 0.0)
+ROUGH = ("mains_pickup", "sensor_clipping", "supply_saturation", "supply_dead_zone", "inertia", "mullins_softening")
+SMOOTH = [name for name, effect in registered_effects().items() if "voltage" in effect.acts_on
+          and name not in ROUGH]
+
+
+def recording(volts, hold="end"):
+    columns = {"time_s": T, "voltage_V": volts, "displacement_m": 0 * T, "temperature_C": 20 + 0.1 * T}
+    return recording_from_arrays("slow.csv", "voltage", columns, "identify", ACTUATOR, hold=hold)
+
+
+def at_rows(nodes, y):
+    return np.interp(np.arange(nodes.n), nodes.row, y)
+
+
+def plants(name, n=3, **more):
+    m = build_model(f"hooke+gm3{'+' if name else ''}{name}")
+    draws = m.priors.to_physical(m.priors.draw(n, np.random.default_rng(11)))
+    for i in range(n):
+        yield replace(plant_of(m, {**{k: float(v[i]) for k, v in draws.items()}, **BASE}, ACTUATOR), **more)
+
+
+@pytest.mark.parametrize("volts", [SINE, TRIANGLE], ids=["sine", "triangle"])
+@pytest.mark.parametrize("name", ["", *SMOOTH, "supply_current_limit+leakage", "one_quadrant_supply+series_resistance"])
+def test_few_nodes_know_what_all_know(name, volts):
+    r = recording(volts)
+    full, few = make_nodes(r), make_nodes(r, lines=True)
+    assert few.size < 0.2 * full.size
+    for plant in plants(name):
+        assert plant.is_smooth
+        y, x = simulate_nodes(plant, full), simulate_nodes(plant, few)
+        gap = at_rows(few, x) - at_rows(full, y)
+        # of 200 um; a delay is read off between rows that are straight between rows
+        assert np.abs(gap).max() < 0.05 * UM
+        assert np.sqrt(np.mean(gap**2)) < 0.015 * UM
+
+
+@pytest.mark.parametrize("hold", ["start", "linear"])
+def test_other_holds(hold):
+    r = recording(SINE, hold)
+    full, few = make_nodes(r), make_nodes(r, lines=True)
+    assert few.size < 0.2 * full.size
+    for plant in plants("series_resistance"):
+        gap = at_rows(few, simulate_nodes(plant, few)) - at_rows(full, simulate_nodes(plant, full))
+        assert np.abs(gap).max() < 0.03 * UM
+
+
+def test_a_spring_answers_the_staircase_and_not_the_line():
+    r = recording(SINE)
+    few = make_nodes(r, lines=True)
+    (plant,) = plants("", 1, branches=[])
+    y = simulate_nodes(plant, few)
+    read = np.delete(np.arange(few.size), few.unread)
+    expected = plant.stroke_m * plant.factor * SINE[few.row] ** 2 / plant.Y_Pa
+    np.testing.assert_allclose(y[read], expected[read], rtol=1e-12, atol=1e-18)
+    # the line is half a row ahead where the rest of it is left to the neighbours
+    assert few.unread.size > 500
+    assert np.abs(few.command()[1, few.unread] - SINE[few.row[few.unread]]).max() > 0.1
+    np.testing.assert_allclose(y, expected, atol=0.02 * UM)
+
+
+def test_rows_after_jumps_and_kinks_stay():
+    for volts, edge, every in ((SINE, 501, 300), (TRIANGLE, 3001, 100)):
+        rows = make_nodes(recording(volts), lines=True).row
+        assert set(range(edge, edge + every)) <= set(rows.tolist())
+        assert {0, T.size - 1} <= set(rows.tolist())
+
+
+def test_lines_have_the_mean_of_their_rows():
+    few = make_nodes(recording(SINE), lines=True)
+    start, end = few.command()
+    whole = np.add.reduceat(SINE[1:], few.row[:-1])  # rows a + 1 to b of each interval
+    np.testing.assert_allclose(0.5 * (start + end)[1:] * np.diff(few.row), whole, rtol=1e-9)
+
+
+def test_what_is_not_slow_stays_as_it_is():
+    rng = np.random.default_rng(2)
+    for volts in (SINE + rng.normal(0, 1.0, T.size), 650 + 400 * np.sin(2 * np.pi * 10 * T), np.zeros(T.size)):
+        r = recording(volts)
+        full, few = make_nodes(r), make_nodes(r, lines=True)
+        np.testing.assert_array_equal(full.row, few.row)
+        assert few.lines_V is None
+    np.testing.assert_array_equal(make_nodes(held(), lines=True).row, make_nodes(held()).row)
+
+
+def test_a_past_in_few_nodes_ends_alike():
+    r = recording(SINE)
+    last = replace(held(), rest_before_s=5.0)
+    nodes = make_nodes(last)
+    for plant in plants("rate_independent_hysteresis", 2):
+        full = simulate_nodes(plant, nodes, past_nodes([r], last))
+        few = simulate_nodes(plant, nodes, past_nodes([r], last, lines=True))
+        assert past_nodes([r], last, lines=True).size < 0.3 * past_nodes([r], last).size
+        assert np.abs(full - few).max() < 0.02 * UM
+
+
+def test_limits_corners_and_ringing_need_every_row():
+    for name in ROUGH:
+        assert not any(p.is_smooth for p in plants(name))
