@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..campaign.schema import Recording
 from ..campaign.scratch import PIECE, pieces
 from ..forward import imposed_path, memory
 from ..models.model import Model
@@ -63,13 +64,37 @@ def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDAr
 
 
 @dataclass(frozen=True)
-class PlantRecord(BlockRecord):
-    """A block record with the nodes of its chain, or the path of the plates that drives it."""
+class Reading:
+    """The nodes at which a model is worked out, and what makes block means of them (nb, nodes)."""
 
-    nodes: Nodes | None = None
+    where: Nodes | Path
+    averaging: csr_matrix = field(repr=False)
+
+    def means(self, values: Array) -> Array:
+        """Block means (nb,) of values at the nodes (m,)."""
+        return np.asarray(self.averaging @ values)
+
+
+def fewer(
+    nodes: Nodes, recording: Recording, blocks: Blocks, observed: NDArray[np.bool_]
+) -> Reading | None:
+    """Fewer nodes than these for a model that is smooth, where a slow command leaves room for it."""
+    few = make_nodes(recording, lines=True)
+    if few.size >= nodes.size:
+        return None
+    return Reading(few, averaging(few, recording.time_s, blocks, observed))
+
+
+@dataclass(frozen=True)
+class PlantRecord(BlockRecord):
+    """A block record with the nodes of its chain, or the path of the plates that drives it.
+
+    few: fewer nodes, enough for a model whose answer to a smooth command is smooth.
+    """
+
+    every: Reading | None = None
+    few: Reading | None = None
     past: Nodes | None = None
-    matrix: csr_matrix | None = field(repr=False, default=None)
-    path: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -89,15 +114,15 @@ class PlantGroup(BlockGroup):
         out = np.empty((B, record.blocks.n))
         for b in range(B):
             plant = plant_of(model, {k: float(v[b]) for k, v in values.items()}, r.actuator)
-            if record.nodes is not None:
-                answer = simulate_nodes(plant, record.nodes, record.past)
+            reading = record.few if record.few is not None and plant.is_smooth else record.every
+            assert reading is not None
+            where = reading.where
+            if isinstance(where, Nodes):
+                answer = simulate_nodes(plant, where, record.past)
             else:
-                assert record.path is not None
                 assert zero is not None
-                path = record.path
-                answer = simulate_plates(plant, path.time_s, path.position_m, float(zero[b]), record.contact)
-            assert record.matrix is not None
-            out[b] = record.matrix @ answer
+                answer = simulate_plates(plant, where.time_s, where.position_m, float(zero[b]), record.contact)
+            out[b] = reading.means(answer)
         return out
 
 
@@ -117,11 +142,13 @@ def build_plant_groups(
             r, blocks = record.prepared.recording, record.blocks
             own = {name: getattr(record, name) for name in record.__dataclass_fields__}
             where: Nodes | Path
+            observed = record.prepared.observed
             if r.is_voltage:
                 where = nodes = make_nodes(r)
-                own |= {"nodes": nodes, "past": past_nodes(memory(recordings, r), r)}
+                own["few"] = fewer(nodes, r, blocks, observed)
+                own["past"] = past_nodes(memory(recordings, r), r, lines=True)
             else:
-                where = own["path"] = imposed_path(r, blocks)
-            records.append(PlantRecord(**own, matrix=averaging(where, r.time_s, blocks, record.prepared.observed)))
+                where = imposed_path(r, blocks)
+            records.append(PlantRecord(**own, every=Reading(where, averaging(where, r.time_s, blocks, observed))))
         groups.append(PlantGroup(g.channel, g.specimen, tuple(records), g.gain_sd, g.quantisation_variance))
     return groups

@@ -18,13 +18,14 @@ from scipy.linalg import solve_triangular
 
 from ..assemble import Assembled
 from ..campaign.schema import Actuator
+from ..likelihood.plant_group import Reading
 from ..models.effects import registered_effects
 from ..models.model import Model
 from ..models.nodes import Nodes
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from .journal import Journal, digest
-from .reduced import Piece, Reading, gain_groups
+from .reduced import Piece, gain_groups
 from .whitening import Noise, Shared, whiten
 
 Array = NDArray[np.float64]

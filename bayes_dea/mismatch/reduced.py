@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
-from ..likelihood.plant_group import COMMAND_BLOCKS, averaging
+from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes
@@ -41,18 +41,6 @@ _SHOWN = 0.9
 #: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
 #: times it may be that of the ramps
 _NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
-
-
-@dataclass(frozen=True)
-class Reading:
-    """The nodes at which a model is worked out, and what makes block means of them (nb, nodes)."""
-
-    where: Nodes | Path
-    averaging: csr_matrix = field(repr=False)
-
-    def means(self, values: Array) -> Array:
-        """Block means (nb,) of values at the nodes (m,)."""
-        return np.asarray(self.averaging @ values)
 
 
 @dataclass(frozen=True)
@@ -157,7 +145,7 @@ def again(piece: Piece, prepared: Prepared) -> Piece:
         y=block_means(np.where(masked, 0.0, prepared.y), b, masked),
         nuisance=block_means(prepared.nuisance().T, b, masked),
         averaging=averaging(piece.nodes, prepared.recording.time_s, b, prepared.observed),
-        few=_few(piece.nodes, prepared, b),
+        few=fewer(piece.nodes, prepared.recording, b, prepared.observed),
     )
 
 
@@ -165,16 +153,8 @@ def renoded(piece: Piece, prepared: Prepared) -> Piece:
     """A piece of a voltage recording whose command is read in another way."""
     nodes = make_nodes(prepared.recording)
     rows = averaging(nodes, prepared.recording.time_s, piece.blocks, prepared.observed)
-    few = _few(nodes, prepared, piece.blocks)
+    few = fewer(nodes, prepared.recording, piece.blocks, prepared.observed)
     return replace(piece, prepared=prepared, nodes=nodes, averaging=rows, few=few)
-
-
-def _few(nodes: Nodes, p: Prepared, blocks: Blocks) -> Reading | None:
-    """Fewer nodes than these, where a slow command leaves room for it."""
-    few = make_nodes(p.recording, lines=True)
-    if few.size >= nodes.size:
-        return None
-    return Reading(few, averaging(few, p.recording.time_s, blocks, p.observed))
 
 
 def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
@@ -204,7 +184,7 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
         sd,
         nodes=nodes,
         averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
-        few=_few(nodes, p, blocks),
+        few=fewer(nodes, p.recording, blocks, p.observed),
         past=past_nodes(memory(recordings, p.recording), p.recording, lines=True),
     )
 
