@@ -82,7 +82,10 @@ def test_a_bank_goes_on_as_if_it_had_never_stopped():
     steps[0] = 0.0
     parts = np.array_split(np.arange(len(rows)), 7)
     out = np.concatenate([bank.advance(steps[i], rows[i, 1], rows[i, 1]) for i in parts], axis=1)
-    assert np.allclose(out[0], x, rtol=0, atol=1e-13)
+    whole = Bank(model, ACTUATOR, z).advance(steps, rows[:, 1], rows[:, 1])
+    assert np.allclose(out, whole, rtol=0, atol=1e-13)
+    # the recording comes from another kernel (through the network's modes); either may be 1e-6 of 10 mm out in a step
+    assert np.allclose(out[0], x, rtol=0, atol=1e-8)
 
 
 def test_the_posterior_is_that_of_every_reading_simulated(followed):
