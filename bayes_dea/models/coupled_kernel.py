@@ -27,6 +27,8 @@ _QUICK = 0.03  # a step of so many time constants of a mode is more to it than a
 # share of the voltage by which an activated leak may be linearised beside the middle of a step, and least of it (V)
 _CENTRED, _LITTLE_V = 0.01, 0.1
 _MAX_ITERATIONS = 40
+#: steps tried on average for each one asked for; beyond, there is no answer
+_TRIES_A_STEP = 30
 
 
 @_jit
@@ -75,13 +77,17 @@ def coupled(h, u0, u1, D, c, T, factor, chi, tau_d, rs, leak, c0, active, thickn
     e, V, vq, P = 0.0, 0.0, 0.0, 0.0
     stores = chi != 0.0 or aq != 0.0
     D1, D2, step1 = 0.0, 0.0, -1.0
-    rl, lift, bend, middle, tried = leak, 0.0, 0.0, 0.0, 0
+    rl, lift, bend, middle = leak, 0.0, 0.0, 0.0
+    tried, budget = 0, _TRIES_A_STEP * h.size + 20_000
     for i in range(h.size):
         whole, done = h[i], 0.0
         step = whole
         v_start, v_end = u0[i], u1[i]
         while True:
             tried += 1
+            if tried > budget:  # too stiff to be worth following
+                e = math.nan
+                break
             if step != known[now]:
                 now = 1 - now
                 if step != known[now]:
@@ -98,7 +104,7 @@ def coupled(h, u0, u1, D, c, T, factor, chi, tau_d, rs, leak, c0, active, thickn
                 v_start, v_end = u0[i] + rise * done, u0[i] + rise * (done + step)
             kept = 0.0
             for j in range(K):
-                kept += (keep[now, j] * f[j])
+                kept += keep[now, j] * f[j]
             W1 = D + sums[now, 1]
             # smooth motion goes on as it did
             change = 2.0 * D1 - D2 if step == step1 else 0.0
