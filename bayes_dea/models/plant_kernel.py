@@ -349,8 +349,8 @@ def run(w, law_p, h, u0, u1, out):
                     ss = 2.0 * factor * v2 - se
                     dse = 2.0 * factor * v1 * dv
                     if stores:
-                        vq1, P1, ss, se, dse = stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv,
-                                                         vq, P)
+                        vq1, P1, ss, se, dse = stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv, vq,
+                                                        P)
                 if moving:
                     F0 = ss * ph - s - f - Q
                     if not curved:

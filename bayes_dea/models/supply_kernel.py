@@ -34,7 +34,8 @@ def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last):
     those towards smaller magnitude. The command is straight from c0 to c1 (m,) during the step h (m,) s that ends at a
     node; where it is not followed smoothly it is taken as held at the middle of each of the step's rows (m,). last
     (m,): the line that ends at each node. What is quicker than a step, or curved in it, is cut; each line has its end
-    and its mean right, and misses the course by a volt at most. With arrays of size 0 the lines are only counted.
+    and its mean right (but for a straight command that the slew rate holds up, which is caught up with along a line).
+    Where H, u0 and u1 are too short nothing but the number is right: call again with as many.
     """
     v = 0.0
     slew = min(slew, 1e15)  # infinity times no time is no number
@@ -101,8 +102,7 @@ def _held(h, v, aim, slew, tau_fall, H, u0, u1, count):
             time = rest / slew
             if not falling and time <= left and rest * time < _MISSED_V * left:
                 # a ramp that is over soon: by its mean
-                end = aim
-                v, count = _line(left, aim - gap * time / left, end, H, u0, u1, count)
+                v, count = _line(left, aim - gap * time / left, aim, H, u0, u1, count)
                 break
             step = min(left, time, _RAMP_V / slew)
             change = math.copysign(rest if step == time else slew * step, gap)
