@@ -145,10 +145,14 @@ def name_physics(
 
     elsewhere = [p for p in unseen if p.channel == "displacement"]
 
-    def enough(w: Weighed) -> bool:
+    def large(w: Weighed) -> bool:
         if w.size_m >= resolution_m or w.fit is base or not elsewhere:
             return w.size_m >= resolution_m
         return size_elsewhere(base, w.fit, elsewhere) >= resolution_m
+
+    def enough(w: Weighed) -> bool:
+        # what explains more than another of its kind that is large enough is not less than that one
+        return large(w) or any(large(v) for v in _poorer(w, weighed, none.weighed))
 
     singles = max(len(names), 1)
 
@@ -236,6 +240,17 @@ def name_physics(
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
     return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, labelled, visible)
+
+
+def _poorer(w: Weighed, weighed: Mapping[str, Weighed], none: Weighed) -> list[Weighed]:
+    """Refitted hypotheses of as many effects that explain less, but clearly more than those of fewer effects do."""
+    count = len(w.effects)
+    if w.fit is none.fit or count == 0:
+        return []
+    fewer = [v.log_evidence for v in weighed.values() if len(v.effects) == count - 1] if count > 1 else []
+    least = max(fewer, default=none.log_evidence) + 3.0
+    alike = [v for v in weighed.values() if len(v.effects) == count and v.fit is not none.fit and v is not w]
+    return [v for v in alike if least < v.log_evidence <= w.log_evidence]
 
 
 def weigh_delay(

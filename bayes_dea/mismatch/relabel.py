@@ -103,6 +103,15 @@ def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighe
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
 
 
+def stands_in(fit: Fit) -> bool:
+    """Whether a mode of the base is too fast to be seen as one: it does the work of something else."""
+    spec, values = fit.problem.model.spec, fit.values()
+    if spec.network != "gm" or spec.elements < 1:
+        return False
+    quickest = min(values[f"tau_{j}_s"] for j in range(1, spec.elements + 1))
+    return quickest <= _FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
+
+
 def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | None:
     """`found` without its further mode, which takes the place of one too fast to be seen as a mode; not refitted.
 
@@ -110,12 +119,10 @@ def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | N
     for from here. A refit would send a mode there again. model: as for `in_place_of_one`; None where there is no such
     mode.
     """
-    spec, values = model.spec, found.fit.values()
-    if FURTHER not in found.effects or spec.network != "gm":
+    if FURTHER not in found.effects or not stands_in(found.fit):
         return None
-    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1))
-    if not modes or modes[0][0] > _FAST_STEPS * min(p.prepared.step_s for p in found.fit.problem.pieces):
-        return None
+    values = found.fit.values()
+    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, model.spec.elements + 1))
     start = with_modes(found.fit, model, values, [*modes[1:], (values["tau_x_s"], values["k_x_Pa"])])
     problem = found.fit.problem.with_model(model)
     return refit(problem, start, prior.start(), prior, max_steps=0, fit_noise=False)

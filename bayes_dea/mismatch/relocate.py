@@ -2,11 +2,14 @@
 
 Without the effect a mode imitates it as well as it can: a lag of some milliseconds, or a time constant far below the
 sampling step, where it has no slope to come back by. So every mode is tried on a grid of time constants, the rest of
-the fit moved along linearly, and the fit is made again from the best point. Where one hypothesis has found a better
-place so, its rivals are begun from there too: none may fall behind because it did not look.
+the fit moved along linearly, and the fit is made again from the best point. Two modes that have fallen onto one time
+constant have no slope that parts them: they are set apart. Where one hypothesis has found a better place so, its rivals
+are begun from there too: none may fall behind because it did not look.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,9 @@ _ROUNDS = 2
 #: points that fits begin from, and how far (in logs) one is moved along
 _TRIED = 2
 _FAR = 0.7
+#: ratio of time constants below which two modes are one, and by what they are set apart, either way
+_ONE = 1.4
+_APART = (1.6, 4.0)
 
 
 def relocated(fit: Fit, prior: NoisePrior) -> Fit:
@@ -37,10 +43,11 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
     low, high = low + 1e-9, high - 1e-9
     for _ in range(_ROUNDS):
         ends = []
-        for q, move in _starts(fit):
-            # moved along linearly only where that is not far: the logs of a fit bend
-            start = np.clip(q + move if np.max(np.abs(move)) < _FAR else q, low, high)
-            end = descend(fit.problem, start, prior.start(), low, high, 25, 0.05, None, coarse=True)
+        # moved along linearly only where that is not far: the logs of a fit bend
+        starts = [q + move if np.max(np.abs(move)) < _FAR else q for q, move in _starts(fit)]
+        for start in [*starts, *_parted(fit)]:
+            begin = np.clip(start, low, high)
+            end = descend(fit.problem, begin, prior.start(), low, high, 25, 0.05, None, coarse=True)
             if end is not None:
                 ends.append(end)
         if not ends:
@@ -100,6 +107,22 @@ def _elsewhere(fit: Fit) -> list[Array]:
             for share in _SHARES:
                 k = stiff * share if model.spec.network == "gm" else stiff / share
                 out.append(with_modes(fit, model, values, [*kept, (float(tau), k)]))
+    return out
+
+
+def _parted(fit: Fit) -> list[Array]:
+    """Coordinates with two modes that are one set apart around where they are, each with half of what both have."""
+    model, values = fit.problem.model, fit.values()
+    modes = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, model.spec.elements + 1)]
+    out = []
+    for i, (slow, quick) in enumerate(pairwise(modes)):
+        if slow[0] > _ONE * quick[0]:
+            continue
+        others = [*modes[:i], *modes[i + 2 :]]
+        both = slow[1] + quick[1] if model.spec.network == "gm" else 1.0 / (1.0 / slow[1] + 1.0 / quick[1])
+        half = 0.5 * both if model.spec.network == "gm" else 2.0 * both
+        tau = float(np.sqrt(slow[0] * quick[0]))
+        out += [with_modes(fit, model, values, [*others, (tau * r, half), (tau / r, half)]) for r in _APART]
     return out
 
 

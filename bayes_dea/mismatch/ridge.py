@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +41,11 @@ _CORRECTIONS, _STRAIGHT = 4, 1.0
 #: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times in
 #: all, with so many steps
 _WITHIN, _PLACES, _DESCENT = 12.0, 8, 6
-#: first step along an arm in sds, steps at most, and nats below the maximum at which it ends
-_FIRST_STEP, _STEPS, _DEEP = 2.5, 6, 8.0
+#: first step along an arm in sds, steps at most, nats below the maximum at which it ends
+_FIRST_STEP, _STEPS, _DEEP = 2.5, 8, 8.0
+#: what a step is cut by where it comes out deeper from a place less deep than so many nats, and pieces that it may be cut
+#: into where the arm bends, before it is halved
+_SHORTER, _FLAT, _BETWEEN = 0.25, 2.0, 4
 
 
 @dataclass(frozen=True)
@@ -262,30 +266,72 @@ def _arms(ridge: _Ridge, own: NDArray[np.int64]) -> Mixture:
     """Normals around the maximum and along the arms of the ridge, which may lead far from it.
 
     Of a sum of two parameters each may be nearly all: in logarithms that is a corner with two arms. Each own parameter
-    is moved either way in steps that double, everything else fitted, until that costs too much.
+    is moved either way in steps that double, everything else fitted, until that costs too much. A maximum at the end of
+    what a prior allows is no guide to how far a first step may go, nor a flat arm to how far it goes on: steps are made
+    shorter until they cost little enough.
     """
     fit = ridge.places[0].fit
     low, high = bounds(fit.problem)
     margin = 1e-6 * np.where(np.isfinite(high - low), high - low, 1.0)
-    centres, roots = [fit.q[own]], [ridge.root]
-    for i in own:
+    top = fit.q[own], ridge.root @ ridge.root.T
+    found = [top]
+    for j, i in enumerate(own):
         for sign in (-1.0, 1.0):
-            q, step = fit.q, _FIRST_STEP * math.sqrt(fit.covariance[i, i])
+            arm = [top]
+            q, step, went, depth = fit.q, _FIRST_STEP * math.sqrt(fit.covariance[i, i]), 0.0, 0.0
             for _ in range(_STEPS):
                 x = min(max(q[i] + sign * step, low[i] + margin[i]), high[i] - margin[i])
+                if sign * (x - q[i]) <= margin[i]:
+                    break
                 a, b = low + margin, high - margin
                 a[i] = b[i] = x
                 end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.1, None)
                 if end is None or end.value > ridge.least + _DEEP:
-                    break
-                root = _root(inverse(end.gram[1:, 1:] + end.prior[2])[np.ix_(own, own)])
-                if root is not None:
-                    centres.append(end.q[own])
-                    roots.append(root)
-                if x in (low[i] + margin[i], high[i] - margin[i]):
-                    break
-                q, step = end.q, 2.0 * step
-    return Mixture(np.full(len(centres), 1.0 / len(centres)), np.array(centres), _WIDE * np.array(roots))
+                    if step < went or depth > _FLAT:
+                        break
+                    step *= _SHORTER
+                    continue
+                place = end.q[own], inverse(end.gram[1:, 1:] + end.prior[2])[np.ix_(own, own)]
+                if _bends(arm[-1], place, j) > _BETWEEN:
+                    step *= 0.5
+                    continue
+                arm.append(place)
+                q, step, went, depth = end.q, 2.0 * step, step, end.value - ridge.least
+            found += [*arm[1:], *_bent(arm, j)]
+    kept = [(centre, root) for centre, c in found if (root := _root(c)) is not None]
+    centres, roots = (np.array(x) for x in zip(*kept, strict=True))
+    return Mixture(np.full(len(kept), 1.0 / len(kept)), centres, _WIDE * roots)
+
+
+def _bends(start: tuple[Array, Array], end: tuple[Array, Array], j: int) -> int:
+    """Into how many pieces an arm from start to end is cut, so that each is as good as straight.
+
+    The tangent misses a curve by the square of its length; it is to miss it by less than a standard deviation.
+    """
+    (a, A), (b, _) = start, end
+    along = A[:, j] / A[j, j]
+    missed = np.delete(np.abs(b - a - (b[j] - a[j]) * along), j)
+    sd = np.sqrt(np.maximum(np.delete(np.diag(A - np.outer(along, A[j])), j), 1e-300))
+    return math.ceil(math.sqrt(float(np.max(missed / sd))))
+
+
+def _bent(arm: list[tuple[Array, Array]], j: int) -> Iterator[tuple[Array, Array]]:
+    """Centres (k,) and covariances (k, k) between neighbours along an arm, where it bends away from their tangents.
+
+    arm: the same at its maxima with own parameter j held. A normal follows a ridge for as long as that is straight;
+    where it bends, short ones stand closely on the curve through both ends that has their tangents (cubic Hermite).
+    """
+    for (a, A), (b, B) in pairwise(arm):
+        length = float(b[j] - a[j])
+        along_a, along_b = A[:, j] / A[j, j], B[:, j] / B[j, j]
+        across_a, across_b = A - np.outer(along_a, A[j]), B - np.outer(along_b, B[j])
+        count = _bends((a, A), (b, B), j)
+        for s in np.linspace(0.0, 1.0, count + 1) if count > 1 else ():
+            centre = (1 - s) ** 2 * ((1 + 2 * s) * a + s * length * along_a)
+            centre += s**2 * ((3 - 2 * s) * b - (1 - s) * length * along_b)
+            along = 6 * s * (1 - s) * (b - a) / length + (1 - s) * (1 - 3 * s) * along_a + s * (3 * s - 2) * along_b
+            spread = (1 - s) * across_a + s * across_b
+            yield centre, spread + (length / count) ** 2 * np.outer(along, along)
 
 
 def _next(pool: _Pool, before: _Student | Mixture, start: Array, rng: np.random.Generator) -> _Student | Mixture:

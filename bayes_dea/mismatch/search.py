@@ -16,7 +16,7 @@ from .features import Features
 from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
 from .refit import Fit, refit, value_at
-from .relabel import FURTHER, in_place_of_one, within, without_stand_in
+from .relabel import FURTHER, in_place_of_one, stands_in, within, without_stand_in
 from .relocate import begun_from, relocated
 from .ridge import integrated
 from .slow_start import LIMITS, slow_start
@@ -44,8 +44,8 @@ _REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
 _RIVALS = 12.0
 #: standard error of an evidence from which on it is a grid's
 _DOUBTFUL = 0.4
-#: how many of the leading ones are searched around
-_ESCAPES = 4
+#: how many are searched around, and how many of the leading ones are looked at for that
+_ESCAPES, _LOOKED_AT = 5, 5
 #: nats by which the leading one has to have found a better place for others to begin there, and how many do
 _FOUND, _FOLLOWING = 5.0, 3
 #: how far (in logs) a parameter of the base has to move for what was not refitted to be looked at again
@@ -152,8 +152,10 @@ def refined(
     settled: set[str] = set()
     before = {name: w.fit.objective for name, w in out.items()}
     for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
-        leading = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)[:2]
-        waiting = [n for n in leading if n not in settled]
+        fitted = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)
+        # of those behind, one with a mode that does the work of what it lacked before may come first without it
+        doubtful = [n for n in fitted[2:_LOOKED_AT] if stands_in(out[n].fit)]
+        waiting = [n for n in (*fitted[:2], *doubtful) if n not in settled]
         if not waiting:
             break
         found = escape(base, of[waiting[0]], out[waiting[0]], prior)
