@@ -38,13 +38,13 @@ _POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 128, 128), 120.0, 25.0
 _FITTED, _RESAMPLED, _FLOOR = 10, 1000, 0.01
 #: how often the rest is moved again for a draw, and what (nats) another move may seem to gain without being made
 _CORRECTIONS, _STRAIGHT = 4, 1.0
-#: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times in
-#: all, with so many steps
+#: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times,
+#: with so many steps
 _WITHIN, _PLACES, _DESCENT = 12.0, 8, 6
 #: first step along an arm in sds, steps at most, nats below the maximum at which it ends
 _FIRST_STEP, _STEPS, _DEEP = 2.5, 8, 8.0
-#: what a step is cut by where it comes out deeper from a place less deep than so many nats, and pieces that it may be cut
-#: into where the arm bends, before it is halved
+#: what a step is cut by where it comes out deeper from a place less deep than so many nats, and pieces that it may be
+#: cut into where the arm bends, before it is halved
 _SHORTER, _FLAT, _BETWEEN = 0.25, 2.0, 4
 
 
@@ -153,6 +153,8 @@ class _Place:
         self.rest = np.setdiff1d(np.arange(fit.q.size), own)
         self.H = self.frame.H[np.ix_(self.rest, self.rest)]
         self.along = -np.linalg.lstsq(self.H, self.frame.H[np.ix_(self.rest, own)], rcond=1e-13)[0]
+        #: what integrating the rest out adds to a minus log density, but for a constant
+        self.width = 0.5 * float(np.linalg.slogdet(self.H)[1])
 
     @property
     def theta(self) -> Array:
@@ -214,19 +216,32 @@ class _Ridge:
         self.root = root
         self.places = [_Place(fit, own)]
         self.least = self.places[0].led_to(fit.q[own])[1]
+        self.refits = 0
 
     def minus_log_density(self, theta: Array) -> float:
         """At own parameters (k,), but for a constant."""
-        away = [np.sum(np.linalg.solve(self.root, theta - p.theta) ** 2) for p in self.places]
+        away = np.array([np.sum(np.linalg.solve(self.root, theta - p.theta) ** 2) for p in self.places])
+        width = self._width(away)
         nearest = self.places[int(np.argmin(away))]
         q, value, gain = nearest.led_to(theta)
-        if gain > _STRAIGHT and value - gain < self.least + _WITHIN and len(self.places) < _PLACES:
+        if gain > _STRAIGHT and value - gain < self.least + _WITHIN and self.refits < _PLACES:
             place = nearest.fitted(q)
             if place is not None:
+                self.refits += 1
                 self.places.append(place)
                 q, value, gain = place.led_to(theta)
         self.least = min(self.least, value)
-        return value - min(gain, _STRAIGHT)
+        return value - min(gain, _STRAIGHT) + width
+
+    def _width(self, away: Array) -> float:
+        """What integrating the rest out adds, against the maximum: a mean of the known places, the near ones first.
+
+        away: their squared distances (n,). Where one of two own parameters hardly matters any more, the rest is known
+        better or worse than at the maximum.
+        """
+        near = 1.0 / np.maximum(away, 1e-6)
+        found = np.array([p.width for p in self.places])
+        return float(near @ found / near.sum() - found[0])
 
 
 def _rounds(
@@ -296,6 +311,7 @@ def _arms(ridge: _Ridge, own: NDArray[np.int64]) -> Mixture:
                     step *= 0.5
                     continue
                 arm.append(place)
+                ridge.places.append(_Place(replace(fit, q=end.q, clean=end.clean, slopes=end.slopes), own))
                 q, step, went, depth = end.q, 2.0 * step, step, end.value - ridge.least
             found += [*arm[1:], *_bent(arm, j)]
     kept = [(centre, root) for centre, c in found if (root := _root(c)) is not None]

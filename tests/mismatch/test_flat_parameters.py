@@ -5,6 +5,8 @@ import pytest
 from concealed_campaigns import concealed
 from scipy.interpolate import PchipInterpolator
 
+from bayes_dea.bench.concealed import draw_case, write_case
+from bayes_dea.campaign import load_campaign
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
@@ -112,3 +114,26 @@ def test_what_only_the_simpler_model_has_starts_at_its_priors_median(diagnosed):
     assert w is not None
     assert w.effects == ("leakage",)
     assert np.isfinite(w.log_evidence)
+
+
+def test_a_maximum_at_the_end_of_a_prior_is_not_where_its_ridge_ends(tmp_path):
+    """The curvature there says nothing of how far the ridge goes: here m is next to free between 3 and 70 Pa."""
+    case = draw_case(1543275)
+    result = diagnose(load_campaign(write_case(case, tmp_path / "campaign")), case.model, seed=1)
+    fit = result.corrected
+    assert fit.values()["mullins_m_Pa"] < 3.1
+    found = result.summary["hypotheses"][0]["parameters"]
+    for name, expected in zip(("q05", "q50", "q95"), by_refits(fit, 120.0), strict=True):
+        assert np.log(found["mullins_m_Pa"][name]) == pytest.approx(np.log(expected), abs=0.4), name
+    for parameter, true in case.effects["mullins_softening"].items():
+        assert found[parameter]["q05"] < true < found[parameter]["q95"], parameter
+
+
+def test_the_law_as_it_was_first_written_is_named():
+    """Without b (Ogden and Roxburgh 1999 had r and m alone)."""
+    mullins = {"mullins_share": 0.1, "mullins_m_Pa": 20.0, "mullins_b": 0.0}
+    result = diagnose(concealed({"mullins_softening": mullins}), "hooke+gm3", seed=1)
+    assert result.verdict == "mullins_softening"
+    found = result.summary["hypotheses"][0]["parameters"]
+    assert found["mullins_b"]["q05"] < 0.02
+    assert found["mullins_m_Pa"]["q05"] < 20.0 < 1.2 * found["mullins_m_Pa"]["q95"]

@@ -1,10 +1,13 @@
 """Fits that went astray come back: along the ridge of gain and compliance, and of a mode that imitated an effect."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.relabel import stands_in
 from bayes_dea.mismatch.relocate import relocated, with_modes
 
 
@@ -40,6 +43,28 @@ def test_a_mode_below_the_sampling_step_is_put_where_it_is_needed(right):
     assert stuck.objective > fit.objective + 5.0  # it has no slope to come back by
     back = relocated(stuck, prior)
     assert back.objective < fit.objective + 0.5
+
+
+def test_two_modes_on_one_time_constant_are_parted(right):
+    """Equal modes are moved alike by every reading: nothing parts them but to try."""
+    fit, prior = right
+    values = fit.values()
+    slow, middle, quick = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in (1, 2, 3)]
+    both = (np.sqrt(slow[0] * middle[0]), 0.5 * (slow[1] + middle[1]))
+    q = with_modes(fit, fit.problem.model, values, [both, (both[0] / 1.001, both[1]), quick])
+    stuck = refit(fit.problem, q, fit.noise, prior)
+    assert stuck.values()["tau_1_s"] < 1.2 * stuck.values()["tau_2_s"]
+    assert stuck.objective > fit.objective + 5.0
+    back = relocated(stuck, prior)
+    assert back.objective < fit.objective + 0.5
+
+
+def test_a_mode_that_no_reading_resolves_stands_in_for_something(right):
+    fit, _ = right
+    values = fit.values()
+    modes = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in (1, 2)]
+    assert not stands_in(fit)
+    assert stands_in(replace(fit, q=with_modes(fit, fit.problem.model, values, [*modes, (1e-4, 1e6)])))
 
 
 def test_a_fit_that_is_right_stays(right):
