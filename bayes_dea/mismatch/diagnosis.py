@@ -41,12 +41,10 @@ from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
-from .weigh import Screened, own_index
+from .weigh import STEP_M, Screened, own_index
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
-#: what is not coherent over one resolution step is not claimed where no resolution is stated
-_RESOLUTION_M = 0.15e-6
 #: how often a fit is made again because it showed false readings
 _ROUNDS = 3
 #: nats by which another hold convention must be ahead to be taken before effects are weighed
@@ -290,7 +288,7 @@ def _once(
 
 def _resolution(campaign: Campaign) -> float:
     sensor = campaign.sensors.get("displacement")
-    return sensor.resolution if sensor is not None and sensor.resolution else _RESOLUTION_M
+    return sensor.resolution if sensor is not None and sensor.resolution else STEP_M
 
 
 def _retimed(

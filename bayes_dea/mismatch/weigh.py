@@ -58,6 +58,9 @@ _STEEP, _HARDLY, _PEAK_SECTIONS = 10.0, 10.0, 8
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
+#: step of the displacement (m) where no resolution is stated, and what a force without one is a displacement by (N/m)
+STEP_M = 0.15e-6
+_STIFFNESS = 13e3
 
 
 @dataclass(frozen=True)
@@ -575,7 +578,7 @@ def excess(fit: Fit, prior: NoisePrior) -> float:
 
 
 def effect_size(base: Fit, fit: Fit) -> float:
-    """Largest RMS in m over voltage recordings of the difference between two fits, offsets removed; N by 13 kN/m."""
+    """Largest RMS in m over all recordings of the difference between two fits, offsets removed; forces by steps."""
     return _largest(base, fit, base.clean, fit.clean)
 
 
@@ -597,5 +600,13 @@ def _largest(base: Fit, fit: Fit, plain: Sequence[Array], changed: Sequence[Arra
         w = piece.blocks.count / piece.blocks.count.sum()
         x = x - w @ x
         rms = math.sqrt(float(w @ x**2))
-        worst = max(worst, rms if piece.channel == "displacement" else rms / 13e3)
+        each = 1.0 if piece.channel == "displacement" else _metres_a_newton(piece, fit.problem.pieces)
+        worst = max(worst, each * rms)
     return worst
+
+
+def _metres_a_newton(force: Piece, pieces: Sequence[Piece]) -> float:
+    """What a force counts for beside displacements: a step of its sensor's resolution is one of theirs."""
+    own = force.prepared.sensor.resolution
+    theirs = [p.prepared.sensor.resolution for p in pieces if p.channel == "displacement"]
+    return next((step for step in theirs if step), STEP_M) / own if own else 1.0 / _STIFFNESS
