@@ -44,6 +44,8 @@ _REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
 _RIVALS = 12.0
 #: standard error of an evidence from which on it is a grid's
 _DOUBTFUL = 0.4
+#: how often the leading ones are begun again from where they ended, and the nats that this has to bring
+_AGAIN, _HELPS = 3, 0.2
 #: how many are searched around, and how many of the leading ones are looked at for that
 _ESCAPES, _LOOKED_AT = 5, 5
 #: nats by which the leading one has to have found a better place for others to begin there, and how many do
@@ -177,6 +179,10 @@ def refined(
             if _hopeful(w, base) > _hopeful(out[w.name], base):
                 out[w.name], of[w.name] = w, s
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
+    for name, w in out.items():
+        if w.fit is not base and _hopeful(w, base) >= top - _RIVALS:
+            out[name] = _gone_on(w, base, of[name], prior)
+    top = max((_hopeful(w, base) for w in out.values()), default=0.0)
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
         narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
@@ -225,6 +231,19 @@ def overlooked(
         if w is not None:
             out.append((s, w))
     return out
+
+
+def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior) -> Weighed:
+    """The same, begun again from where it ended as long as that helps.
+
+    A descent that follows a bent valley is damped until its next step promises nothing, far from the end of the valley.
+    """
+    for _ in range(_AGAIN):
+        again = refit(w.fit.problem, w.fit.q, prior.start(), prior)
+        if again is None or again.objective > w.fit.objective - _HELPS:
+            break
+        w = improved(w, base, screened, again)
+    return w
 
 
 def _along(say: Report, name: str, done: float, of: float, _text: str) -> None:
