@@ -8,16 +8,14 @@ rest moved along, as the search for explanations does it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble
 from ..find_map import MapSettings, find_map, swarm_starts
 from ..likelihood.posterior import Posterior
-from ..models.model import Model, build_model
+from ..models.bare import bare_of
+from ..models.model import Model
 from .features import features
 from .noise_prior import NoisePrior
 from .problem import Problem
@@ -30,14 +28,6 @@ from .weigh import escaped, refine, screen
 Array = NDArray[np.float64]
 #: how often a descent goes on where the last one ended, and the nats that it has to gain for another
 _AGAIN, _WORTH = 6, 0.1
-
-
-def bare_of(model: Model, effects: tuple[str, ...] = ()) -> Model:
-    """A model without its effects, or with those of `effects` alone; its priors stay."""
-    own: Mapping[str, Any] = {p.name: p for p in model.parameters}
-    kept = "+".join(p for p in model.name.split("+") if p not in model.spec.effects or p in effects)
-    names = {p.name for p in build_model(kept).parameters}
-    return build_model(kept, {k: v for k, v in own.items() if k in names})
 
 
 def coordinates(posterior: Posterior, x: Array, problem: Problem) -> Array:

@@ -135,7 +135,11 @@ def name_physics(
     limited = [] if low is None else [Frame(replace(low, noise=prior.start()), far=True)]
     found = on_grids([*frames, *limited], len(frames), model, names, given, say, memory)
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
-    weighed = refined(base, found, prior, say, 2, rng, spoiled)
+
+    def adequate(fit: Fit) -> bool:
+        return scan(fit, rng, looks).p_value > ADEQUATE
+
+    weighed = refined(base, found, prior, say, 2, rng, spoiled, adequate=adequate)
     if weighed is None:
         return None
     odds = prior_odds()
@@ -187,7 +191,7 @@ def name_physics(
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
-        more = beside(best.weighed, model, names, prior, given, say, rng)
+        more = beside(best.weighed, model, names, prior, given, say, rng, adequate)
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
         if more and len(best.weighed.effects) == 1:

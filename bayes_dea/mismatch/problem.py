@@ -233,14 +233,20 @@ class Problem:
         return out
 
     def gram(
-        self, q: Array, noise: Noise, with_jacobian: bool = True, kept: Kept | None = None
+        self,
+        q: Array,
+        noise: Noise,
+        with_jacobian: bool = True,
+        kept: Kept | None = None,
+        clean: list[Array] | None = None,
     ) -> tuple[Array, float, list[Array], list[Array]]:
         """Gram of [residual, d residual / d q (sign reversed)] over all pieces, a discrepancy integrated out.
 
-        kept: sensitivities that are taken over from elsewhere instead of worked out.
+        kept: sensitivities that are taken over from elsewhere instead of worked out; clean: predictions at q, if known.
         Returns (Gram (1 + d, 1 + d), log det of the covariance, predictions, Jacobians of `clean`).
         """
-        clean = self.clean(q)
+        if clean is None:
+            clean = self.clean(q)
         slopes: list[Array] = []
         if with_jacobian and kept is None:
             slopes = self.jacobian(q, clean)

@@ -202,11 +202,10 @@ def _searched(
         H = gram[1:, 1:] + curvature
         step = _bounded_step(H, gradient - gram[0, 1:], np.zeros_like(H), q, low, high)
         if np.isfinite(problem.log_prior(q + step)[0]):
-            new = problem.gram(q + step, noise, with_jacobian=False)[0]
-            p = -float(problem.log_prior(q + step)[0])
-            if p + 0.5 * new[0, 0] < base + 0.5 * gram[0, 0]:
+            value, there = _there(problem, q + step, noise)
+            if value < base + 0.5 * gram[0, 0]:
                 q = q + step
-                gram, logdet, clean, slopes = problem.gram(q, noise)
+                gram, logdet, clean, slopes = problem.gram(q, noise, clean=there)
     return q, noise, taken, (gram, logdet, clean, slopes)
 
 
@@ -313,21 +312,21 @@ def _descended(
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
         metric = _metric(H, prior[2], decoupled)
-        new: tuple[Array, float] | None = None
+        new: tuple[Array, float, list[Array]] | None = None
         for _attempt in range(8):
             step = _bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             if promised < tolerance or value - 10.0 * promised > hopeless_above:
                 break
-            there = value_at(problem, q + step, noise)
+            there, predicted = _there(problem, q + step, noise)
             if there < value:
-                new = q + step, there
+                new = q + step, there, predicted
                 break
             damping = max(10.0 * damping, 1e-4)
         if new is None:
             break
         q, damping, taken = new[0], 0.1 * damping, taken + 1
-        gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
+        gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept, clean=new[2])
         prior = prior_derivatives(problem, q)
         if value - new[1] < 3 * tolerance:
             break
@@ -336,12 +335,17 @@ def _descended(
 
 def value_at(problem: Problem, q: Array, noise: Noise) -> float:
     """Minus log posterior at fixed noise without log det terms; infinite where the model has no answer."""
+    return _there(problem, q, noise)[0]
+
+
+def _there(problem: Problem, q: Array, noise: Noise) -> tuple[float, list[Array]]:
+    """`value_at`, and the predictions; none where the model has no answer."""
     p = -float(problem.log_prior(q)[0])
     if not np.isfinite(p):
-        return math.inf
+        return math.inf, []
     # the Jacobian is worked out only where a step is taken
-    gram = problem.gram(q, noise, with_jacobian=False)[0]
-    return p + 0.5 * float(gram[0, 0]) if np.isfinite(gram).all() else math.inf
+    gram, _, clean, _ = problem.gram(q, noise, with_jacobian=False)
+    return (p + 0.5 * float(gram[0, 0]), clean) if np.isfinite(gram).all() else (math.inf, [])
 
 
 def _metric(H: Array, prior: Array, decoupled: Array) -> Array:

@@ -20,6 +20,8 @@ from .weigh import Weighed, effect_size
 FURTHER = "extra_relaxation_mode"
 #: sampling steps below which a mode is none that a recording shows as such
 _FAST_STEPS = 3.0
+#: modulus of a mode that is to do nothing much, by those of the others
+_IDLE = 0.02
 #: by how much (log) a refit may move the time constant of an exchanged mode
 _SAME_TIME = 1.0
 
@@ -125,4 +127,20 @@ def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | N
     modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, model.spec.elements + 1))
     start = with_modes(found.fit, model, values, [*modes[1:], (values["tau_x_s"], values["k_x_Pa"])])
     problem = found.fit.problem.with_model(model)
+    return refit(problem, start, prior.start(), prior, max_steps=0, fit_noise=False)
+
+
+def with_stand_in_idle(found: Weighed, prior: NoisePrior) -> Fit | None:
+    """`found` with the mode that is too fast to be seen as one made weak and slow; not refitted, None without one.
+
+    What it stood in for is missing then, and can be looked for.
+    """
+    if not stands_in(found.fit):
+        return None
+    problem, values = found.fit.problem, found.fit.values()
+    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, problem.model.spec.elements + 1))
+    span = max(float(p.recording.time_s[-1] - p.recording.time_s[0]) for p in problem.pieces)
+    middle = math.sqrt(span * min(p.prepared.step_s for p in problem.pieces))
+    idle = middle, _IDLE * sum(k for _, k in modes[1:]) if len(modes) > 1 else _IDLE * modes[0][1]
+    start = with_modes(found.fit, problem.model, values, [*modes[1:], idle])
     return refit(problem, start, prior.start(), prior, max_steps=0, fit_noise=False)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..models.model import Model
 from .noise_prior import NoisePrior
-from .refit import Fit, bounds, descend, refit
+from .refit import Fit, bounds, descend, refit, value_at
 from .weigh import Frame
 
 Array = NDArray[np.float64]
@@ -43,11 +43,12 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
     low, high = low + 1e-9, high - 1e-9
     for _ in range(_ROUNDS):
         ends = []
+        enough = value_at(fit.problem, fit.q, prior.start())
         # moved along linearly only where that is not far: the logs of a fit bend
         starts = [q + move if np.max(np.abs(move)) < _FAR else q for q, move in _starts(fit)]
         for start in [*starts, *_parted(fit)]:
             begin = np.clip(start, low, high)
-            end = descend(fit.problem, begin, prior.start(), low, high, 25, 0.05, None, coarse=True)
+            end = descend(fit.problem, begin, prior.start(), low, high, 25, 0.05, None, enough, coarse=True)
             if end is not None:
                 ends.append(end)
         if not ends:

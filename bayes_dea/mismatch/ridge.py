@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..fit.mixture import Mixture, fit_mixture, joined
 from .refit import Fit, bounds, descend, inverse
 from .telling import Tell, silence
-from .weigh import Frame
+from .weigh import Frame, widths_of
 
 Array = NDArray[np.float64]
 #: degrees of freedom of the first proposals, the widening of all, draws of each round for an integral
@@ -41,6 +41,8 @@ _CORRECTIONS, _STRAIGHT = 4, 1.0
 #: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times,
 #: with so many steps
 _WITHIN, _PLACES, _DESCENT = 12.0, 8, 6
+#: sds of its prior below which a parameter is known so well that no arm leads far along it
+NARROW = 0.03
 #: first step along an arm in sds, steps at most, nats below the maximum at which it ends
 _FIRST_STEP, _STEPS, _DEEP = 2.5, 8, 8.0
 #: what a step is cut by where it comes out deeper from a place less deep than so many nats, and pieces that it may be
@@ -271,26 +273,28 @@ def _rounds(
             return
         pool = pool.with_draws(theta, log_p, proposal)
         yield pool
-        if arms and len(pool.proposals) == 1 and own.size > 1:
-            proposal = _arms(ridge, own)
+        wide = widths_of(fit, own) > NARROW
+        if arms and len(pool.proposals) == 1 and own.size > 1 and wide.any():
+            proposal = _arms(ridge, own, np.flatnonzero(wide))
         else:
             proposal = _next(pool, proposal, start, rng)
 
 
-def _arms(ridge: _Ridge, own: NDArray[np.int64]) -> Mixture:
+def _arms(ridge: _Ridge, own: NDArray[np.int64], along: NDArray[np.int64]) -> Mixture:
     """Normals around the maximum and along the arms of the ridge, which may lead far from it.
 
-    Of a sum of two parameters each may be nearly all: in logarithms that is a corner with two arms. Each own parameter
-    is moved either way in steps that double, everything else fitted, until that costs too much. A maximum at the end of
-    what a prior allows is no guide to how far a first step may go, nor a flat arm to how far it goes on: steps are made
-    shorter until they cost little enough.
+    Of a sum of two parameters each may be nearly all: in logarithms that is a corner with two arms. The own parameters
+    `along` which it may lead far are moved either way in steps that double, everything else fitted, until that costs
+    too much. A maximum at the end of what a prior allows is no guide to how far a first step may go, nor a flat arm to
+    how far it goes on: steps are made shorter until they cost little enough.
     """
     fit = ridge.places[0].fit
     low, high = bounds(fit.problem)
     margin = 1e-6 * np.where(np.isfinite(high - low), high - low, 1.0)
     top = fit.q[own], ridge.root @ ridge.root.T
     found = [top]
-    for j, i in enumerate(own):
+    for j in along:
+        i = own[j]
         for sign in (-1.0, 1.0):
             arm = [top]
             q, step, went, depth = fit.q, _FIRST_STEP * math.sqrt(fit.covariance[i, i]), 0.0, 0.0

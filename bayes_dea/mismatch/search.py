@@ -16,9 +16,9 @@ from .features import Features
 from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
 from .refit import Fit, refit, value_at
-from .relabel import FURTHER, in_place_of_one, stands_in, within, without_stand_in
+from .relabel import FURTHER, in_place_of_one, stands_in, with_stand_in_idle, within, without_stand_in
 from .relocate import begun_from, relocated
-from .ridge import integrated
+from .ridge import NARROW, integrated
 from .slow_start import LIMITS, slow_start
 from .weigh import (
     HOPELESS,
@@ -33,6 +33,7 @@ from .weigh import (
     own_index,
     refine,
     screen,
+    widths_of,
 )
 
 Array = NDArray[np.float64]
@@ -60,6 +61,8 @@ _PROMISING, _IN_PLACE = 0.4, 5
 _SHARE, _SMALL = 0.1, 200.0
 #: share of it that may remain, once nothing better takes its place, for a third effect to be looked for
 REMAINS = 0.5
+#: effects of which another one is sought in the place of a mode that stands in for it, less than
+_SEVERAL = 3
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -119,11 +122,14 @@ def refined(
     rng: np.random.Generator,
     spoiled: Callable[[Fit], bool] | None = None,
     left: float = 0.0,
+    adequate: Callable[[Fit], bool] | None = None,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
     None where the first of them shows readings that are false. left: nats of misfit that further effects are looked
     for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
+    adequate: asked of the leading fit; where it says no, another effect will be looked for beside it, and rivals are
+    not weighed finely either.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
@@ -182,11 +188,15 @@ def refined(
     for name, w in out.items():
         if w.fit is not base and _hopeful(w, base) >= top - _RIVALS:
             out[name] = _gone_on(w, base, of[name], prior)
-    top = max((_hopeful(w, base) for w in out.values()), default=0.0)
+    leading = max(out.values(), key=lambda w: _hopeful(w, base), default=None)
+    if leading is None or (adequate is not None and leading.fit is not base and not adequate(leading.fit)):
+        return out
+    top = _hopeful(leading, base)
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
-        narrow = own.size < 2 and w.log_evidence_se < _DOUBTFUL
-        if w.fit is base or _hopeful(w, base) < top - _RIVALS or narrow or own.size > 4:
+        if w.fit is base or _hopeful(w, base) < top - _RIVALS or own.size > 4:
+            continue
+        if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
             continue
         if left > _SMALL and excess(w.fit, prior) > REMAINS * left:
             continue
@@ -287,6 +297,11 @@ def second_thoughts(
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
+        idle = with_stand_in_idle(w, prior) if 0 < len(w.effects) < _SEVERAL else None
+        if idle is not None:
+            start = Weighed(w.effects, idle, idle.log_evidence, 0.1, 0.0)
+            found = beside(start, model, names, prior, overrides, say, rng)
+            out += [replace(t, size_m=effect_size(w.fit, t.fit)) for t in found if t.fit is not idle]
         return out
     m = extended(model, others, laws) if others else model
     if m is None:
@@ -307,7 +322,7 @@ def second_thoughts(
 
 def beside(
     best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
-    rng: np.random.Generator,
+    rng: np.random.Generator, adequate: Callable[[Fit], bool] | None = None,
 ) -> list[Weighed]:
     """Every further effect beside the ones found."""
     frame = Frame(best.fit)
@@ -324,7 +339,7 @@ def beside(
             if s is not None:
                 found.append(s)
     left = excess(best.fit, prior)
-    return list((refined(best.fit, found, prior, say, 1, rng, left=left) or {}).values())
+    return list((refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate) or {}).values())
 
 
 def beside_the_second(

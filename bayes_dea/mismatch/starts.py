@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble
 from ..find_map import MapSettings
+from ..models.bare import bare_of
 from ..models.model import Model
 from .features import features
-from .first_fit import bare_of, first_fit
+from .first_fit import first_fit
 from .noise_prior import noise_prior
 from .problem import Problem
 from .reduced import reduce_campaign

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from ..models.bare import bare_of
 from ..models.model import Model
 from .journal import digest
 from .leak_starts import highest_field, leak_points
@@ -296,13 +297,7 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
         elif index.size == 1:
             narrow_peak(here, frame.value(frame.fit.clean)[0], score)
         if _rings(model, index):
-            own_prior = model.priors.free[index[0]].prior
-
-            def value(point: Array, score: Callable[[Array], Scored | None] = score) -> float:
-                found = score(point)
-                return math.inf if found is None else found.posterior
-
-            look_for_resonances(own_prior.a, own_prior.b, value)
+            _score_resonances(frame, model, index, added, score)
         scored += here
     if not scored:
         return None
@@ -318,6 +313,71 @@ def _rings(model: Model, index: NDArray[np.int64]) -> bool:
     """Whether the own parameters are a frequency with known limits and a damping ratio."""
     first = model.priors.free[index[0]] if index.size == 2 else None
     return first is not None and first.unit == "Hz" and first.prior.family == "loguniform"
+
+
+def _score_resonances(
+    frame: Frame, model: Model, index: NDArray[np.int64], added: list[str], score: Callable[[Array], Scored | None]
+) -> None:
+    """Score points where something may ring; what is scored is kept by `score`.
+
+    Beside other effects a mass is dear to simulate. It is looked for where it would ring on the network alone, which
+    changes their answer by about as much, and scored with them at the best point of every damping ratio.
+    """
+    prior = model.priors.free[index[0]].prior
+    if not frame.fit.problem.model.spec.effects:
+
+        def value(point: Array) -> float:
+            found = score(point)
+            return math.inf if found is None else found.posterior
+
+        look_for_resonances(prior.a, prior.b, value)
+        return
+    beside = Superposed(frame, model, added)
+    best: dict[float, tuple[float, Array]] = {}
+
+    def about(point: Array) -> float:
+        found = beside.value(point)
+        damping = float(point[1])
+        if damping not in best or found < best[damping][0]:
+            best[damping] = found, point
+        return found
+
+    look_for_resonances(prior.a, prior.b, about)
+    for found, point in best.values():
+        if math.isfinite(found):
+            score(point)
+
+
+class Superposed:
+    """What an effect changes on the network alone, added to the answer of a fit that has other effects."""
+
+    def __init__(self, frame: Frame, model: Model, added: Sequence[str]) -> None:
+        """model: that of the fit with the effects `added`."""
+        self.frame, self.model = frame, model
+        problem = frame.fit.problem
+        self.plain, self.changed = problem.with_model(bare_of(model)), problem.with_model(bare_of(model, tuple(added)))
+        self.before = self.plain.clean(self._coordinates(self.plain.model, insert(frame.fit, model, self._nothing())))
+
+    def value(self, own: Array) -> float:
+        """Minus log posterior at the effect's own coordinates (k,), the base moved along; infinite if it has none."""
+        q = insert(self.frame.fit, self.model, own)
+        log_prior = float(self.model.log_prior(q[None, : self.model.dimension])[0])
+        if not math.isfinite(log_prior):
+            return math.inf
+        after = self.changed.clean(self._coordinates(self.changed.model, q))
+        clean = [x + y - z for x, y, z in zip(self.frame.fit.clean, after, self.before, strict=True)]
+        if not all(np.isfinite(x).all() for x in clean):
+            return math.inf
+        return self.frame.value(clean)[0] - log_prior
+
+    def _nothing(self) -> Array:
+        return np.zeros(own_index(self.frame.fit, self.model).size)
+
+    def _coordinates(self, simpler: Model, q: Array) -> Array:
+        """Those of a model that has some of the parameters of `model`."""
+        names = self.model.priors.names
+        kept = [names.index(n) for n in simpler.priors.names]
+        return np.concatenate([q[kept], q[self.model.dimension :]])
 
 
 def just_reached(
@@ -531,9 +591,10 @@ def _mirrored(fit: Fit, index: NDArray[np.int64]) -> list[Array]:
 
 
 def improved(found: Weighed, base: Fit, screened: Screened, fit: Fit) -> Weighed:
-    """A hypothesis weighed anew at a better fit; its share of the effect's prior stays."""
+    """A hypothesis weighed anew at a better fit; its share of the effect's prior stays, and what it reached before."""
     w = weighed(base, screened, fit)
-    return replace(w, log_evidence=w.log_evidence + found.shared_prior, shared_prior=found.shared_prior)
+    shared = found.shared_prior
+    return replace(w, log_evidence=w.log_evidence + shared, shared_prior=shared, value=found.value)
 
 
 def _starting_points(screened: Screened, starts: int) -> list[Scored]:
@@ -554,11 +615,8 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     """Laplace where the posterior of the effect's own coordinates is narrow and inside, else the grid's average."""
     model = screened.model
     index = own_index(base, model)
-    priors = [model.priors.free[i].prior for i in index]
-    sd = np.sqrt(np.maximum(np.diag(best.covariance)[index], 0.0))
-    width = np.array([p.coordinate_sd() for p in priors])
-    inside = not any(model.coordinate_names[i] in best.at_bound for i in index)
-    if inside and np.all(sd < 0.12 * width):
+    widest = float(np.max(widths_of(best, index), initial=0.0))
+    if widest < 0.12:
         return best.log_evidence, 0.1
     # an average over the prior cannot exceed its best point; the grid moves the base linearly and may think it does
     d, before = model.dimension, base.problem.model
@@ -566,9 +624,18 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     own_prior = float(model.log_prior(best.q[None, :d])[0] - before.log_prior(moved[None])[0])
     most = -(best.objective + own_prior) + base.log_evidence + base.objective
     grid = min(screened.log_evidence, most)
-    if inside and np.all(sd < 0.5 * width):  # a peak between the points is what Laplace sees and the grid does not
+    if widest < 0.5:  # a peak between the points is what Laplace sees and the grid does not
         return max(min(best.log_evidence, most), grid), 0.5
     return grid, 0.5
+
+
+def widths_of(fit: Fit, index: NDArray[np.int64]) -> Array:
+    """Posterior sds (k,) of some parameters of the model, in sds of their priors; infinite at a bound."""
+    model = fit.problem.model
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[index], 0.0))
+    prior = np.array([model.priors.free[i].prior.coordinate_sd() for i in index])
+    bounded = np.array([model.coordinate_names[i] in fit.at_bound for i in index], dtype=bool)
+    return np.where(bounded, np.inf, sd / prior)
 
 
 def excess(fit: Fit, prior: NoisePrior) -> float:

@@ -7,11 +7,12 @@ from concealed_campaigns import concealed
 from bayes_dea.assemble import assemble
 from bayes_dea.bench.effects import ALL
 from bayes_dea.mismatch.diagnosis import DiagnosisSettings, diagnose
-from bayes_dea.mismatch.first_fit import bare_of, first_fit
+from bayes_dea.mismatch.first_fit import first_fit
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.models.bare import bare_of
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior
 
