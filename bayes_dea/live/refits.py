@@ -17,12 +17,13 @@ from ..campaign.schema import Campaign
 from ..find_map import find_map
 from ..fit.mixture import Mixture
 from ..mismatch.features import features
+from ..mismatch.grid import screen
 from ..mismatch.noise_prior import NoisePrior, noise_prior
 from ..mismatch.problem import Problem
 from ..mismatch.reduced import reduce_campaign
 from ..mismatch.refit import Fit, refit
 from ..mismatch.search import frames_of
-from ..mismatch.weigh import refine, screen
+from ..mismatch.weigh import refine
 from ..models.bare import bare_of
 from ..models.model import PRIMARY, Model
 from ..settings import CalibrationSettings

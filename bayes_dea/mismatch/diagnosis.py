@@ -24,6 +24,8 @@ from .ask import first_experiment, next_experiment
 from .clipped import beyond_reach, cut_out, restored, sensor_limit
 from .features import Features, features
 from .first_fit import first_fit
+from .frame import own_index
+from .grid import Screened
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
 from .locate import ADEQUATE, scan
@@ -36,12 +38,12 @@ from .refit import Fit, refit
 from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .ridge import posterior
 from .seen import Seen
+from .size import STEP_M
 from .summary import say_clipped, say_odd, summarise
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
-from .weigh import STEP_M, Screened, own_index
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]

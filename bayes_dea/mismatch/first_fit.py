@@ -17,13 +17,14 @@ from ..likelihood.posterior import Posterior
 from ..models.bare import bare_of
 from ..models.model import Model
 from .features import features
+from .grid import screen
 from .noise_prior import NoisePrior
 from .problem import Problem
 from .refit import Fit, refit
 from .relocate import relocated
 from .search import frames_of
 from .telling import Tell, silence
-from .weigh import escaped, refine, screen
+from .weigh import escaped, refine
 
 Array = NDArray[np.float64]
 #: how often a descent goes on where the last one ended, and the nats that it has to gain for another

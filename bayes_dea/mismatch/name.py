@@ -17,6 +17,8 @@ from scipy.special import logsumexp
 from ..campaign.schema import Campaign
 from .discrepancy import Discrepancy, basis, discrepancy
 from .features import Features
+from .frame import Frame
+from .grid import Screened
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
 from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
@@ -34,9 +36,10 @@ from .search import (
     second_thoughts,
     typical,
 )
+from .size import size_elsewhere
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
-from .weigh import Frame, Screened, Weighed, excess, size_elsewhere
+from .weigh import Weighed, excess
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,8 @@ from ..models.model import Model
 from .noise_prior import NoisePrior
 from .refit import Fit, bounds, descend, refit
 from .relocate import with_modes
-from .weigh import Weighed, effect_size
+from .size import effect_size
+from .weigh import Weighed
 
 FURTHER = "extra_relaxation_mode"
 #: sampling steps below which a mode is none that a recording shows as such

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
+from .frame import Frame
 from .noise_prior import NoisePrior
 from .refit import Fit, bounds, descend, refit, value_at
-from .weigh import Frame
 
 Array = NDArray[np.float64]
 #: time constants tried, and moduli by the static one: weak and strong

@@ -22,9 +22,10 @@ from scipy.stats import chi2, qmc
 
 from ..errors import InputError
 from ..fit.mixture import Mixture, fit_mixture, joined
+from .frame import Frame
 from .refit import Fit, bounds, descend, inverse
 from .telling import Tell, silence
-from .weigh import Frame, widths_of
+from .weigh import widths_of
 
 Array = NDArray[np.float64]
 #: degrees of freedom of the first proposals, the widening of all, draws of each round for an integral

@@ -13,28 +13,17 @@ from numpy.typing import NDArray
 from ..models.effects import registered_effects
 from ..models.model import Model
 from .features import Features
+from .frame import Frame, own_index
+from .grid import Screened, moved_to, screen
 from .hypotheses import VARIANTS, extended, law_of
 from .noise_prior import NoisePrior
 from .refit import Fit, refit, value_at
 from .relabel import FURTHER, in_place_of_one, stands_in, with_stand_in_idle, within, without_stand_in
 from .relocate import begun_from, relocated
 from .ridge import NARROW, integrated
+from .size import effect_size
 from .slow_start import LIMITS, slow_start
-from .weigh import (
-    HOPELESS,
-    Frame,
-    Screened,
-    Weighed,
-    effect_size,
-    escape,
-    excess,
-    improved,
-    moved_to,
-    own_index,
-    refine,
-    screen,
-    widths_of,
-)
+from .weigh import HOPELESS, Weighed, escape, excess, improved, refine, widths_of
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]

@@ -15,11 +15,12 @@ from ..models.bare import bare_of
 from ..models.model import Model
 from .features import features
 from .first_fit import first_fit
+from .grid import screen
 from .noise_prior import noise_prior
 from .problem import Problem
 from .reduced import reduce_campaign
 from .search import frames_of
-from .weigh import refine, screen
+from .weigh import refine
 from .whitening import Noise
 
 Array = NDArray[np.float64]

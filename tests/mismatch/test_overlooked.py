@@ -3,10 +3,11 @@
 import numpy as np
 
 from bayes_dea.mismatch import search
+from bayes_dea.mismatch.frame import Frame
+from bayes_dea.mismatch.grid import screen
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.weigh import Frame, screen
 
 
 def quiet(*_):

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_dea.mismatch.grid import Screened
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.resonance import look_for_resonances
-from bayes_dea.mismatch.weigh import Screened, escape
+from bayes_dea.mismatch.weigh import escape
 
 TIME = np.arange(1, 400) * 1e-3  # after an edge, at 1 kHz
 

@@ -1,0 +1,113 @@
+"""A fit as a place to look around from: sensitivities whitened once, so that another prediction costs one column."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..models.model import Model
+from ..noise.blocks import block_whiten
+from .journal import digest
+from .problem import Problem
+from .reduced import Piece
+from .refit import Fit, inverse, prior_derivatives
+from .whitening import Whitened, whiten
+
+Array = NDArray[np.float64]
+
+
+class Frame:
+    """A fit's sensitivities, whitened once, so that another prediction costs one column."""
+
+    def __init__(self, fit: Fit, far: bool = False) -> None:
+        """far: what is tried from here changes the sensitivities, so that none is carried over."""
+        self.fit, self.far = fit, far
+        self.whitened: list[Whitened] = []
+        total = None
+        for i, piece in enumerate(fit.problem.pieces):
+            w = whiten(piece, fit.problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise)
+            self.whitened.append(w)
+            g = w.gram()
+            total = g if total is None else total + g
+        assert total is not None
+        self.total = total
+        base, gradient, curvature = prior_derivatives(fit.problem, fit.q)
+        self.prior, self.gradient, self.curvature = base, gradient, curvature
+        self.H = total[1:, 1:] + curvature
+        self.Hinv = inverse(0.5 * (self.H + self.H.T))
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of the fit."""
+        return digest(self.fit.problem.key, self.fit.q, self.fit.noise.key)
+
+    def tried(self, problem: Problem, q: Array, effects: Iterable[str]) -> tuple[float, Array] | None:
+        """`value` of another model's predictions at q; None where it has no answer.
+
+        effects: those in whose parameters alone q differs from the fit; where they do not act, predictions are known.
+        """
+        journal = problem.journal
+        key = digest("tried", self.key, problem.key, q) if journal.kept else ""
+        if key not in journal:
+            found = problem.clean(q, problem.reached_by(effects))
+            clean = [x if x.size else known for x, known in zip(found, self.fit.clean, strict=True)]
+            value, move = math.nan, np.empty(0)
+            if all(np.isfinite(x).all() for x in clean):
+                value, move = self.value(clean)
+            if not journal.kept:
+                return (value, move) if np.isfinite(value) else None
+            journal.put(key, [float(value), move.tolist()])
+        value, known = journal[key]
+        return (value, np.array(known)) if np.isfinite(value) else None
+
+    def value(self, clean: list[Array]) -> tuple[float, Array]:
+        """Minus log posterior (without log det terms) of other predictions, base moved along; and the move (d,)."""
+        rr, cross = self.residual(clean, self.fit.q)
+        cross = cross - self.gradient
+        move = self.Hinv @ cross
+        return self.prior + 0.5 * rr - 0.5 * float(cross @ move), move
+
+    def residual(self, clean: list[Array], q: Array) -> tuple[float, Array]:
+        """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
+        rr, cross = 0.0, np.zeros(self.fit.q.size)
+        _, gains = self.fit.problem.beside(q)
+        for piece, w, x in zip(self.fit.problem.pieces, self.whitened, clean, strict=True):
+            r = piece.y - (1 + gains[piece.group]) * x
+            one = whiten_one(piece, r, self.fit)
+            rr += float(one @ one)
+            b = w.nuisance @ one
+            # M^-1 B r, with the factor kept in the columns' coupling replaced by a solve on few rows
+            M = w.nuisance @ w.nuisance.T + np.diag(1.0 / piece.nuisance_sd**2)
+            mb = np.linalg.solve(M, b)
+            rr -= float(b @ mb)
+            cross += w.columns[1:] @ one - (w.columns[1:] @ w.nuisance.T) @ mb
+        return rr, cross
+
+
+def whiten_one(piece: Piece, r: Array, fit: Fit) -> Array:
+    """Whitened column (nb,) of a piece."""
+    sigma, rho = fit.noise.of(piece)
+    out, _ = block_whiten(r, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)
+    return out
+
+
+def insert(base: Fit, model: Model, own: Array, move: Array | None = None) -> Array:
+    """Coordinates of a hypothesis: those of the base (moved), the effect's own where the model has them."""
+    q = base.q if move is None else base.q + move
+    before = base.problem.model
+    out = np.empty(model.dimension)
+    out[own_index(base, model)] = own
+    names = model.priors.names
+    for i, name in enumerate(before.priors.names):
+        out[names.index(name)] = q[i]
+    return np.concatenate([out, q[before.dimension :]])
+
+
+def own_index(base: Fit, model: Model) -> NDArray[np.int64]:
+    """Positions of the parameters that the effects add."""
+    known = set(base.problem.model.priors.names)
+    return np.array([i for i, n in enumerate(model.priors.names) if n not in known], dtype=np.int64)
