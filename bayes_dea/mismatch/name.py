@@ -30,13 +30,14 @@ from .search import (
     Report,
     beside,
     frames_of,
+    freed,
     in_place_of_the_first,
     on_grids,
     refined,
     second_thoughts,
     typical,
 )
-from .size import size_elsewhere
+from .size import effect_size, size_elsewhere
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
 from .weigh import Weighed, excess
@@ -190,16 +191,24 @@ def name_physics(
     # more than one effect, where one is not enough
     for _ in range(most_effects):
         gain = best.discrepancy.gain if best.discrepancy else 0.0
-        if (best.adequate and gain < 5.0) or not 1 <= len(best.weighed.effects) < most_effects:
+        enough_alone = best.adequate and gain < 5.0
+        if not 1 <= len(best.weighed.effects) < most_effects:
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
-        more = beside(best.weighed, model, names, prior, given, say, rng, adequate)
+        # what seems to be enough may be so with a mode that stands in for a second effect
+        start = freed(best.weighed, prior) if enough_alone else best.weighed
+        if start is None:
+            break
+        more = beside(start, model, names, prior, given, say, rng, adequate)
+        if enough_alone:
+            more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
         if more and len(best.weighed.effects) == 1:
+            known = [w for w in weighed.values() if enough(w)]
             swapped = in_place_of_the_first(
-                best.weighed, more, [w for w in weighed.values() if enough(w)], model, prior, given, say, rng
+                best.weighed, more, known, model, prior, given, say, rng, enough_alone
             )
             weighed.update({w.name: w for w in swapped})
             more += [w for w in swapped if enough(w)]
@@ -211,7 +220,7 @@ def name_physics(
         if spoiled is not None and spoiled(top.fit):
             return None
         left_over = excess(best.weighed.fit, prior)
-        if left_over - excess(top.fit, prior) < _STEP * left_over:
+        if not enough_alone and left_over - excess(top.fit, prior) < _STEP * left_over:
             break
         top = thoughts(top)
         best = explain(top, looks, columns, rng, prior, left)

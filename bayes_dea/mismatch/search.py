@@ -50,8 +50,6 @@ _PROMISING, _IN_PLACE = 0.4, 5
 _SHARE, _SMALL = 0.1, 200.0
 #: share of it that may remain, once nothing better takes its place, for a third effect to be looked for
 REMAINS = 0.5
-#: effects of which another one is sought in the place of a mode that stands in for it, less than
-_SEVERAL = 3
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -286,11 +284,6 @@ def second_thoughts(
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
-        idle = with_stand_in_idle(w, prior) if 0 < len(w.effects) < _SEVERAL else None
-        if idle is not None:
-            start = Weighed(w.effects, idle, idle.log_evidence, 0.1, 0.0)
-            found = beside(start, model, names, prior, overrides, say, rng)
-            out += [replace(t, size_m=effect_size(w.fit, t.fit)) for t in found if t.fit is not idle]
         return out
     m = extended(model, others, laws) if others else model
     if m is None:
@@ -364,14 +357,24 @@ def beside_the_second(
     return out
 
 
+def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
+    """An explanation with the mode idle that stands in for something else, which can then be looked for beside it.
+
+    None where there is no such mode, or a further one is among its effects (`second_thoughts` looks there).
+    """
+    idle = with_stand_in_idle(w, prior) if FURTHER not in w.effects else None
+    return None if idle is None else replace(w, fit=idle, log_evidence=idle.log_evidence)
+
+
 def in_place_of_the_first(
     first: Weighed, pairs: list[Weighed], weighed: list[Weighed], model: Model, prior: NoisePrior,
-    overrides: Mapping[str, object], say: Report, rng: np.random.Generator,
+    overrides: Mapping[str, object], say: Report, rng: np.random.Generator, free: bool = False,
 ) -> list[Weighed]:
     """Pairs whose first effect is one that alone did as well as `first`, beside what does best beside that.
 
     Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
-    without its rivals. pairs: `first` with each second effect; weighed: all that were weighed, single ones among them.
+    without its rivals. pairs: `first` with each second effect; weighed: all that were weighed, single ones among them;
+    free: whether modes that stand in for a second effect are set free for it.
     """
     alike = [
         w for w in weighed
@@ -385,5 +388,11 @@ def in_place_of_the_first(
     ]
     out: list[Weighed] = []
     for other in sorted(alike, key=lambda w: -w.log_evidence)[:_PARTNERS]:
-        out += beside(other, model, [n for n in seconds if n not in other.effects], prior, overrides, say, rng)
+        rest = [n for n in seconds if n not in other.effects]
+        start = freed(other, prior) if free else None
+        if start is None:
+            out += beside(other, model, rest, prior, overrides, say, rng)
+        else:
+            found = beside(start, model, rest, prior, overrides, say, rng)
+            out += [replace(t, size_m=effect_size(other.fit, t.fit)) for t in found if t.fit is not start.fit]
     return out
