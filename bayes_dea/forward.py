@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -23,8 +24,9 @@ from .models.simulate_plant import simulate_nodes, simulate_plates
 from .noise.blocks import Blocks, BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
 from .noise.kinks import find_kinks
+from .noise.straight import Straight, straight_pieces
 
-#: blocks of a position: shorter than of a voltage, because straight lines between their centres cut its corners
+#: blocks of a position: shorter than of a voltage, because its corners lie within them
 POSITION_BLOCKS = BlockSettings(input_share=0.001)
 #: share of the largest force below which plates may part or meet
 _LOOSE = 0.05
@@ -192,29 +194,42 @@ def past_intervals(
 def imposed_position(recording: Recording) -> NDArray[np.float64]:
     """Position (n,) that drives a mechanical recording: the measured one without its scatter.
 
-    The scatter of the sensor is not motion of the plates: fed to the model it would come out as force. Where there is
-    any, block means joined by straight lines replace the samples (as in the fit); a noise-free column stays as it is.
+    The scatter of the sensor is not motion of the plates: fed to the model it would come out as force, and friction
+    would turn round with every reading. Where there is any, straight pieces (`noise.straight`) replace the samples, as
+    in the fit; a noise-free column stays as it is.
     """
-    position, _ = _imposed(recording)
-    return position
+    imposed = imposed_pieces(recording)
+    position = filled_input(recording.columns["position_m"])
+    return position if imposed is None else computed(imposed.straight.at, recording.time_s)
 
 
 def imposed_path(recording: Recording, averaged: Blocks) -> Path:
     """The same at the rows that it takes to know the force in the means of blocks."""
-    position, straight = _imposed(recording)
-    if straight is None:
-        return make_path(recording.time_s, position, (), np.ones(position.size, dtype=bool))
+    imposed = imposed_pieces(recording)
+    position = imposed_position(recording)
+    if imposed is None:
+        return make_path(recording.time_s, position, np.ones(position.size, dtype=bool))
     force = np.abs(filled_input(recording.columns["force_N"]))
     least = _LOOSE * np.quantile(force, 0.999)
     loose = np.interp(recording.time_s, averaged.time_s, block_means(force, averaged)) < least
-    return make_path(recording.time_s, position, (straight, averaged), loose)
+    return make_path(recording.time_s, position, loose, averaged, imposed.straight.time_s)
 
 
-def _imposed(recording: Recording) -> tuple[NDArray[np.float64], Blocks | None]:
-    """The position that drives a mechanical recording, and the blocks between whose times it is straight, if any."""
+@dataclass(frozen=True)
+class Imposed:
+    """A measured position in straight pieces. scatter_m: of one of its readings; blocks: those it was found from."""
+
+    straight: Straight
+    blocks: Blocks
+    scatter_m: float
+
+
+def imposed_pieces(recording: Recording) -> Imposed | None:
+    """The position that drives a mechanical recording; None where its column has no scatter."""
     position = filled_input(recording.columns["position_m"])
-    if input_noise(position) <= 1e-7 * (float(position.max() - position.min()) or 1.0):
-        return position, None
+    scatter = input_noise(position)
+    if scatter <= 1e-7 * (float(position.max() - position.min()) or 1.0):
+        return None
     blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS, kinks=find_kinks(position))
-    means = block_means(position, blocks)
-    return computed(lambda t: np.interp(t, blocks.time_s, means), recording.time_s), blocks
+    found = straight_pieces(recording.time_s, blocks, block_means(position, blocks), scatter)
+    return Imposed(found, blocks, scatter)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Recording
 from ..campaign.scratch import BLOCK, computed, copied, joined, kept, pieces
 from ..errors import InputError
-from ..forward import POSITION_BLOCKS, memory, past_intervals, row_durations, sign_of
+from ..forward import POSITION_BLOCKS, imposed_pieces, imposed_position, memory, past_intervals, row_durations, sign_of
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive
@@ -72,7 +72,7 @@ def make_block_record(
     """Cut one recording into blocks and intervals.
 
     earlier: recordings whose memory this one inherits. input_variance: scatter of a measured input carried
-    into the output, per sample: it acts on block means, while within a block the model sees the mean of the input only.
+    into the output, per sample. What it leaves in the straight pieces that drive the model is part of the nuisance.
     """
     r = prepared.recording
     t = r.time_s
@@ -89,22 +89,29 @@ def make_block_record(
     else:
         position = r.columns["position_m"]
         blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked, kinks=find_kinks(position))
-        centre = block_means(position, blocks)
+        imposed = imposed_position(r)
+        centre = block_means(imposed, blocks)
         start = _first_finite(position)
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
         h = np.maximum(np.diff(times), 1e-9)
-        values = np.concatenate([[position[start]], centre])
+        values = np.concatenate([[imposed[start]], centre])
         place = np.arange(blocks.n)
         share = np.ones(blocks.n)
         contact = sign_of(kept(prepared.y, prepared.observed))
     nuisance = prepared.nuisance()
     columns = np.stack([block_means(copied(nuisance[:, k]), blocks, masked) for k in range(nuisance.shape[1])])
+    precision = 1.0 / nuisance_sd(prepared, terms) ** 2
+    if input_variance > 0.0 and (pieces_of := imposed_pieces(r)) is not None:
+        lines, alone = pieces_of.straight.errors(blocks.time_s)
+        columns = np.concatenate([columns, math.sqrt(input_variance) * lines])
+        precision = np.append(precision, np.ones(len(lines)))
+        input_variance *= float(blocks.count[alone].sum() / blocks.count.sum())
     return BlockRecord(
         prepared,
         blocks,
         block_means(y, blocks, masked),
         columns,
-        1.0 / nuisance_sd(prepared, terms) ** 2,
+        precision,
         rate,
         h,
         np.ascontiguousarray(values),

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
-from ..noise.blocks import block_whiten
 from .journal import digest
 from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, inverse, prior_derivatives
-from .whitening import Whitened, whiten
+from .whitening import Whitened, whiten, whiten_columns
 
 Array = NDArray[np.float64]
 
@@ -90,9 +89,7 @@ class Frame:
 
 def whiten_one(piece: Piece, r: Array, fit: Fit) -> Array:
     """Whitened column (nb,) of a piece."""
-    sigma, rho = fit.noise.of(piece)
-    out, _ = block_whiten(r, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)
-    return out
+    return whiten_columns(piece, r[None], fit.noise)[0][0]
 
 
 def insert(base: Fit, model: Model, own: Array, move: Array | None = None) -> Array:

@@ -89,9 +89,11 @@ def held_out(
 
 
 def _floor(fit: Fit, piece: Piece) -> float:
-    """RMSE of the right model: the noise, and the scatter of the position in the means that it is driven by."""
-    further = float(np.broadcast_to(piece.white_variance, piece.blocks.n).sum() / piece.blocks.count.sum())
-    return math.sqrt(fit.noise.of(piece)[0] ** 2 + further)
+    """RMSE of the right model: the noise, and what the scatter of the position leaves in what drives it."""
+    further = np.broadcast_to(piece.white_variance, piece.blocks.n).sum()
+    if len(piece.carried):
+        further = further + np.sum(piece.carried**2 @ piece.blocks.count)
+    return math.sqrt(fit.noise.of(piece)[0] ** 2 + float(further / piece.blocks.count.sum()))
 
 
 def unanswered(proof: list[HeldOut], model: str) -> list[str]:

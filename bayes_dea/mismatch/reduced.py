@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..assemble import Assembled
-from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_position, memory
+from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer
 from ..likelihood.prepare import Prepared
@@ -24,7 +24,6 @@ from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes
 from ..models.path import Path
 from ..noise.blocks import Blocks, block_means, log_blocks
-from ..noise.edges import input_noise
 from ..noise.kinks import find_kinks
 from .journal import digest
 
@@ -35,8 +34,8 @@ Array = NDArray[np.float64]
 
 #: parts of a ramp by which its stiffness is read: share of the travel, blocks that it may last, fewest of them
 _RAMP_SHARE, _RAMP_BLOCKS, _RAMP_PAIRS = 0.03, 60, 5
-#: part of the scatter of a position that comes out as force, in sds: straight lines through means of blocks smooth it
-#: (variance 0.59 in one block) and join neighbours (1 in the mean of many); one white noise stands for both
+#: part of the scatter of a position that comes out as force where no line stands, in sds: what joins the means of
+#: blocks smooths it (variance 0.59 in one block) and couples neighbours (1 in the mean of many); one white noise for both
 _SHOWN = 0.9
 #: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
 #: times it may be that of the ramps
@@ -56,6 +55,7 @@ class Piece:
     nuisance: Array = field(repr=False)  # (m, nb): offset and mains lines
     nuisance_sd: Array = field(repr=False)  # (m,)
     white_variance: float | Array = 0.0  # of a sample, beyond sigma: the scatter of the position in a force; (nb,)
+    carried: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)  # (k, nb): its lines' errors, N
     nodes: Nodes | None = None  # of a voltage recording
     few: Reading | None = None  # fewer nodes, enough for a model whose answer to a smooth command is smooth
     past: Nodes | None = None  # whose memory it inherits
@@ -105,6 +105,7 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
         blocks=blocks,
         y=piece.y[at],
         nuisance=piece.nuisance[:, at],
+        carried=piece.carried[:, at] if len(piece.carried) else piece.carried,
         white_variance=np.broadcast_to(piece.white_variance, b.n)[at],
         averaging=piece.averaging[at],
         few=replace(piece.few, averaging=piece.few.averaging[at]) if piece.few is not None else None,
@@ -222,7 +223,7 @@ def _stiffness(p: Prepared, position: Array, blocks: Blocks) -> Array:
             found.append((force[j] - force[i]) / (x[j] - x[i]) * (1.0 - 0.5 * (e[i] + e[j])) ** 2)
     at_rest = float(np.median(found)) if len(found) >= _RAMP_PAIRS else float(np.ptp(force)) / max(travel, 1e-9)
     ramps = abs(at_rest) / (1.0 - e) ** 2
-    return np.asarray(_SHOWN * np.clip(_slopes(x, force, _SEEN_TRAVEL * travel), ramps, _STIFFEST * ramps))
+    return np.asarray(np.clip(_slopes(x, force, _SEEN_TRAVEL * travel), ramps, _STIFFEST * ramps))
 
 
 def _slopes(x: Array, force: Array, least_m: float) -> Array:
@@ -264,6 +265,13 @@ def _mechanical_piece(
     scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
     if scale_sd > 0:
         nuisance, sd = np.concatenate([nuisance, scale[None]]), np.append(sd, scale_sd)
+    imposed = imposed_pieces(p.recording)
+    white: float | Array = 0.0
+    carried = np.empty((0, 0))
+    if imposed is not None:
+        force = imposed.scatter_m * _stiffness(p, position, blocks)
+        lines, alone = imposed.straight.errors(blocks.time_s)
+        white, carried = np.where(alone, (_SHOWN * force) ** 2, 0.0), force * lines
     return Piece(
         p,
         "force",
@@ -273,7 +281,8 @@ def _mechanical_piece(
         block_means(np.where(masked, 0.0, p.y), blocks, masked),
         block_means(nuisance, blocks, masked),
         sd,
-        white_variance=(_stiffness(p, position, blocks) * input_noise(raw)) ** 2,
+        white_variance=white,
+        carried=carried,
         path=path,
         averaging=averaging(path, p.recording.time_s, blocks, p.observed),
         zero=zero,

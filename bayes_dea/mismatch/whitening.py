@@ -49,21 +49,34 @@ class Whitened:
 
 def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:
     """Whitened columns (k, nb) of a piece, with the posterior of its nuisance worked in."""
-    sigma, rho = noise.of(piece)
     k = len(columns)
-    x, logdet = block_whiten(
-        np.concatenate([columns, piece.nuisance]),
-        piece.blocks.count,
-        sigma,
-        rho,
-        piece.blocks.gap,
-        piece.white_variance,
-    )
+    x, logdet = whiten_columns(piece, np.concatenate([columns, piece.nuisance]), noise)
     C, B = x[:k], x[k:]
     M = B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)
     coupling = np.asarray(np.linalg.solve(M, B @ C.T), dtype=float)
     logdet += float(np.linalg.slogdet(M)[1] + 2.0 * np.sum(np.log(piece.nuisance_sd)))
     return Whitened(C, B, coupling, logdet)
+
+
+def whiten_columns(piece: Piece, columns: Array, noise: Noise) -> tuple[Array, float]:
+    """Columns (k, nb) of a piece whitened by its noise, and the log determinant of the covariance.
+
+    What the scatter of a position leaves in the lines that drive the model is part of the noise (`Piece.carried`): with
+    these columns A whitened, (1 + A'A)^(-1/2), worked out in the space that they span.
+    """
+    sigma, rho = noise.of(piece)
+    n = len(columns)
+    stacked = np.concatenate([columns, piece.carried]) if len(piece.carried) else columns
+    x, logdet = block_whiten(stacked, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)
+    if n == len(stacked):
+        return x, logdet
+    A = x[n:]
+    size, turn = np.linalg.eigh(A @ A.T)
+    real = size > 1e-12 * max(float(size[-1]), 1e-300)
+    size, turn = size[real], turn[:, real]
+    U = (turn / np.sqrt(size)).T @ A
+    taken = (x[:n] @ U.T) * (1.0 - 1.0 / np.sqrt(1.0 + size))
+    return x[:n] - taken @ U, logdet + float(np.sum(np.log1p(size)))
 
 
 class Shared:

@@ -1,0 +1,78 @@
+"""What the scatter of a position leaves in the force of a model: far less than the scatter itself, and known."""
+
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from bayes_dea.bench.rig import Geometry
+from bayes_dea.campaign import Actuator, recording_from_arrays
+from bayes_dea.forward import imposed_position
+from bayes_dea.mismatch.whitening import Noise, whiten_columns
+from bayes_dea.models.model import build_model
+from bayes_dea.models.plant import plant_of
+from bayes_dea.models.simulate_plant import simulate_plates
+
+ACTUATOR = Actuator(**asdict(Geometry()))
+SCATTER = 5e-7
+
+
+def ramp_and_hold(seed):
+    t = 0.01 * np.arange(6000)
+    clean = np.interp(t, [0, 1, 1.36, 60], [0, 0, 1.8e-3, 1.8e-3])
+    x = clean + SCATTER * np.random.default_rng(seed).standard_normal(t.size)
+    r = recording_from_arrays("r", "relaxation", {"time_s": t, "position_m": x, "force_N": 1e4 * clean}, "identify",
+                              ACTUATOR)
+    return t, clean, r
+
+
+@pytest.mark.parametrize("effect, values", [
+    ("rate_independent_hysteresis", {"sigma_y_Pa": 2300.0, "eps_y": 5e-4}),
+    ("mullins_softening", {"mullins_share": 0.03, "mullins_m_Pa": 60.0, "mullins_b": 0.2}),
+])
+def test_friction_does_not_turn_round_with_every_reading(effect, values):
+    model = build_model(f"hooke+gm1+{effect}")
+    plant = plant_of(model, {"Y_Pa": 1.37e6, "k_1_Pa": 7e4, "tau_1_s": 20.0, **values}, ACTUATOR)
+    for seed in range(5):
+        t, clean, r = ramp_and_hold(seed)
+        force = simulate_plates(plant, t, imposed_position(r), 5e-4, 1)
+        exact = simulate_plates(plant, t, clean, 5e-4, 1)
+        held = t > 1.4
+        assert exact[held].min() > 10
+        # readings themselves: 0.5 um on 60 N/mm beside a reversal, 30 mN
+        assert np.std((force - exact)[held]) < 2e-3
+        assert abs(np.mean((force - exact)[held])) < 2e-3
+
+
+class Piece:
+    """As much of a piece as whitening asks for."""
+
+    def __init__(self, carried):
+        rng = np.random.default_rng(0)
+        self.channel, self.rate, self.white_variance = "force", 0, 1e-6
+        self.carried = carried
+
+        class Blocks:
+            count = rng.integers(1, 20, carried.shape[1])
+            gap = np.ones(carried.shape[1], dtype=np.int64)
+
+        self.blocks = Blocks
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6])
+def test_whitened_columns_have_the_covariance_of_noise_and_position(rho):
+    rng = np.random.default_rng(1)
+    carried = 3e-3 * rng.standard_normal((4, 30))
+    carried[3] = carried[2]  # what two lines share is counted once for each
+    piece = Piece(carried)
+    noise = Noise({"force": 5e-3}, {"force": (rho,)})
+    W, logdet = whiten_columns(piece, np.eye(30), noise)
+    bare, bare_logdet = whiten_columns(replace_carried(piece), np.eye(30), noise)
+    dense = np.linalg.inv(bare @ bare.T) + carried.T @ carried
+    np.testing.assert_allclose(W @ W.T, np.linalg.inv(dense), rtol=1e-9, atol=1e-9 * np.abs(W @ W.T).max())
+    assert logdet == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
+    assert bare_logdet == pytest.approx(-np.linalg.slogdet(bare @ bare.T)[1], rel=1e-9)
+
+
+def replace_carried(piece):
+    return Piece(np.empty((0, piece.carried.shape[1])))

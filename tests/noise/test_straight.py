@@ -1,0 +1,87 @@
+"""Straight pieces of a measured position: found where they are, with the error that their readings leave."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.forward import POSITION_BLOCKS
+from bayes_dea.noise.blocks import block_means, log_blocks
+from bayes_dea.noise.kinks import find_kinks
+from bayes_dea.noise.straight import straight_pieces
+
+SD = 5e-7
+STEP = 0.01
+PATHS = {
+    "relaxation": ([0, 1.004, 1.34, 61], [0, 0, 1.7e-3, 1.7e-3]),
+    "triangle": ([0, 1, 25.3, 49.604, 73.9, 98], [0, 0, 1.3e-3, 0, 1.3e-3, 0]),
+    "steps": ([0, 10, 10.01, 20, 20.01, 30, 30.01, 40], [0, 0, 1e-3, 1e-3, 1.5e-3, 1.5e-3, 0, 0]),
+}
+
+
+def measured(kind, seed):
+    corners = PATHS[kind]
+    t = STEP * np.arange(round(corners[0][-1] / STEP))
+    clean = np.interp(t, *corners)
+    return t, clean, clean + SD * np.random.default_rng(seed).standard_normal(t.size)
+
+
+def pieces_of(t, x):
+    blocks = log_blocks(t, x, POSITION_BLOCKS, kinks=find_kinks(x))
+    return blocks, straight_pieces(t, blocks, block_means(x, blocks), SD)
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_as_many_as_there_are_and_close_to_them(kind):
+    found = []
+    for seed in range(20):
+        t, clean, x = measured(kind, seed)
+        _, straight = pieces_of(t, x)
+        found.append(straight.first.size)
+        error = np.abs(straight.at(t) - clean)
+        # one reading at a corner may pass for one of the other line: within the doubt of a reading
+        assert error.max() < 5 * SD
+        assert np.sqrt(np.mean(error**2)) < 0.1 * SD
+    ramps = {"relaxation": 3, "triangle": 5, "steps": 4}[kind]
+    assert min(found) >= ramps
+    assert np.mean(found) < ramps + 0.5
+
+
+def test_what_is_left_is_what_the_errors_say():
+    z = []
+    for seed in range(60):
+        t, clean, x = measured("triangle", seed)
+        blocks, straight = pieces_of(t, x)
+        lines, alone = straight.errors(t)
+        assert not alone.any()
+        inside = np.ones(t.size, dtype=bool)
+        for corner in PATHS["triangle"][0]:
+            inside &= np.abs(t - corner) > 0.3
+        sd = SD * np.sqrt(np.sum(lines**2, axis=0))
+        z.append(((straight.at(t) - clean)[inside] / sd[inside])[::97])
+    # 60 campaigns of some hundred correlated places: their variance is known to about 10 %
+    assert np.var(np.concatenate(z)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_is_curved_stays_as_it_was_measured():
+    t = STEP * np.arange(6000)
+    clean = 1e-3 * np.sin(2 * np.pi * t / 20)
+    x = clean + SD * np.random.default_rng(3).standard_normal(t.size)
+    _, straight = pieces_of(t, x)
+    error = straight.at(t) - clean
+    assert np.sqrt(np.mean(error**2)) < SD
+    assert straight.first.size > 20
+
+
+def test_lines_without_scatter_worth_speaking_of():
+    t, clean, _ = measured("triangle", 0)
+    _, straight = pieces_of(t, clean + 1e-12)
+    assert np.abs(straight.at(t) - clean - 1e-12).max() < SD
+
+
+def test_two_readings_are_one_line():
+    t = np.array([0.0, 0.01])
+    blocks = log_blocks(t, np.array([0.0, 1.0]), POSITION_BLOCKS)
+    straight = straight_pieces(t, blocks, block_means(np.array([0.0, 1.0]), blocks), SD)
+    assert np.isfinite(straight.at(t)).all()
+    lines, alone = straight.errors(blocks.time_s)
+    assert alone.all()
+    assert lines.shape == (0, blocks.n)
