@@ -26,6 +26,8 @@ from .reduced import Piece
 from .refit import Fit
 from .relabel import FURTHER, labellings
 from .search import (
+    HIDDEN,
+    LEAST_GAIN,
     REMAINS,
     Report,
     beside,
@@ -196,19 +198,23 @@ def name_physics(
             break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
-        # what seems to be enough may be so with a mode that stands in for a second effect
-        start = freed(best.weighed, prior) if enough_alone else best.weighed
-        if start is None:
+        # what seems to be enough may be so with a mode that stands in for a second effect, or hide a weak one
+        free = freed(best.weighed, prior) if enough_alone else None
+        if enough_alone and free is None and len(best.weighed.effects) > 1:
             break
-        more = beside(start, model, names, prior, given, say, rng, adequate)
+        start = free or best.weighed
+        least = HIDDEN if enough_alone and free is None else LEAST_GAIN
+        more = beside(start, model, names, prior, given, say, rng, adequate, least)
         if enough_alone:
             more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
+            # one that adds nothing to what is enough without it is no rival of that
+            more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         weighed.update({w.name: w for w in more})
         more = [w for w in more if enough(w)]
         if more and len(best.weighed.effects) == 1:
             known = [w for w in weighed.values() if enough(w)]
             swapped = in_place_of_the_first(
-                best.weighed, more, known, model, prior, given, say, rng, enough_alone
+                best.weighed, more, known, model, prior, given, say, rng, free is not None
             )
             weighed.update({w.name: w for w in swapped})
             more += [w for w in swapped if enough(w)]

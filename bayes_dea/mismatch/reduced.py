@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 
 #: parts of a ramp by which its stiffness is read: share of the travel, blocks that it may last, fewest of them
 _RAMP_SHARE, _RAMP_BLOCKS, _RAMP_PAIRS = 0.03, 60, 5
-#: part of the scatter of a position that comes out as force where no line stands, in sds: what joins the means of
-#: blocks smooths it (variance 0.59 in one block) and couples neighbours (1 in the mean of many); one white noise for both
+#: part of the scatter of a position that comes out as force where no line stands, in sds: what joins means of blocks
+#: smooths it (variance 0.59 in one block) and couples neighbours (1 in the mean of many); one white noise for both
 _SHOWN = 0.9
 #: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
 #: times it may be that of the ramps

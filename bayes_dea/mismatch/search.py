@@ -29,7 +29,9 @@ Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
 
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
-_REFITTED, _NEAR, _LEAST_GAIN = 6, 30.0, 1.0
+_REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
+#: nats that it has to promise for a second effect beside one that leaves nothing to be seen
+HIDDEN = 8.0
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 _RIVALS = 12.0
 #: standard error of an evidence from which on it is a grid's
@@ -110,13 +112,14 @@ def refined(
     spoiled: Callable[[Fit], bool] | None = None,
     left: float = 0.0,
     adequate: Callable[[Fit], bool] | None = None,
+    least: float = LEAST_GAIN,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
     None where the first of them shows readings that are false. left: nats of misfit that further effects are looked
     for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
     adequate: asked of the leading fit; where it says no, another effect will be looked for beside it, and rivals are
-    not weighed finely either.
+    not weighed finely either. least: nats that the grid has to promise for a refit.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
@@ -124,7 +127,7 @@ def refined(
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(_LEAST_GAIN, _SHARE * (left - _SMALL))
+    least = max(least, _SHARE * (left - _SMALL))
     reached, best = 0.0, math.inf
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
@@ -220,7 +223,7 @@ def overlooked(
     for k, s in enumerate(waiting):
         say("looking again", k, len(waiting), "+".join(s.effects))
         again = screen([frame], s.model, s.effects, sparse=True)
-        if again is not None and again.gain > _LEAST_GAIN:
+        if again is not None and again.gain > LEAST_GAIN:
             found.append((again.points[0].posterior, s, again.points))
     out = []
     for _, s, points in sorted(found, key=lambda f: f[0])[:_FOLLOWING]:
@@ -304,9 +307,9 @@ def second_thoughts(
 
 def beside(
     best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
-    rng: np.random.Generator, adequate: Callable[[Fit], bool] | None = None,
+    rng: np.random.Generator, adequate: Callable[[Fit], bool] | None = None, least: float = LEAST_GAIN,
 ) -> list[Weighed]:
-    """Every further effect beside the ones found."""
+    """Every further effect beside the ones found. least: nats that the grid has to promise for one."""
     frame = Frame(best.fit)
     found = []
     rest = [n for n in names if n not in best.effects and not any({n, e} == SAME for e in best.effects)]
@@ -321,7 +324,8 @@ def beside(
             if s is not None:
                 found.append(s)
     left = excess(best.fit, prior)
-    return list((refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate) or {}).values())
+    weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, least=least)
+    return list((weighed or {}).values())
 
 
 def beside_the_second(

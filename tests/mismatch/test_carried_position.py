@@ -26,7 +26,7 @@ def ramp_and_hold(seed):
     return t, clean, r
 
 
-@pytest.mark.parametrize("effect, values", [
+@pytest.mark.parametrize(("effect", "values"), [
     ("rate_independent_hysteresis", {"sigma_y_Pa": 2300.0, "eps_y": 5e-4}),
     ("mullins_softening", {"mullins_share": 0.03, "mullins_m_Pa": 60.0, "mullins_b": 0.2}),
 ])

@@ -40,7 +40,7 @@ def test_nothing_is_looked_at_again_where_the_base_stays(diagnosed):
     prior, base = noise_prior(result.assembled), result.base
     model = extended(base.problem.model, ["sensor_lag"], effect_priors(["sensor_lag"], result.assembled.campaign))
     waiting = screen([Frame(base)], model, ("sensor_lag",))
-    assert waiting.gain > search._LEAST_GAIN  # what it takes to be refitted
+    assert waiting.gain > search.LEAST_GAIN  # what it takes to be refitted
     assert search.overlooked(base, base, [waiting], prior, quiet) == []
     elsewhere = base.q.copy()
     elsewhere[list(base.problem.model.coordinate_names).index("log T_3")] -= 1.1

@@ -49,7 +49,7 @@ def test_what_is_left_is_what_the_errors_say():
     z = []
     for seed in range(60):
         t, clean, x = measured("triangle", seed)
-        blocks, straight = pieces_of(t, x)
+        _, straight = pieces_of(t, x)
         lines, alone = straight.errors(t)
         assert not alone.any()
         inside = np.ones(t.size, dtype=bool)
