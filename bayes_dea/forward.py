@@ -124,9 +124,11 @@ def _with_effects(
     if model.is_black_box:
         materials_of(model, {})  # says that a black box knows no force
     require(recording.actuator, ("stack_height_m", "total_area_m2"), f"{recording.name} (a mechanical recording)")
-    position = imposed_position(recording)
+    imposed, position = imposed_pieces(recording), imposed_position(recording)
+    corners = None if imposed is None else imposed.straight.corners
+    path = make_path(recording.time_s, position, np.ones(position.size, dtype=bool), corners=corners)
     zero = float(position[0]) if zero_m is None else zero_m
-    return simulate_plates(plant, recording.time_s, position, zero, contact_of(recording))
+    return path.of_rows(simulate_plates(plant, path.time_s, path.position_m, zero, contact_of(recording)))
 
 
 def contact_of(recording: Recording) -> int:
@@ -212,7 +214,7 @@ def imposed_path(recording: Recording, averaged: Blocks) -> Path:
     force = np.abs(filled_input(recording.columns["force_N"]))
     least = _LOOSE * np.quantile(force, 0.999)
     loose = np.interp(recording.time_s, averaged.time_s, block_means(force, averaged)) < least
-    return make_path(recording.time_s, position, loose, averaged, imposed.straight.time_s)
+    return make_path(recording.time_s, position, loose, averaged, imposed.straight.corners)
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def statics() -> Section:
     """The whole part on static laws, once: posteriors by a few rounds of weights, Ogden's without its walkers."""
 
     def few_rounds(density, x, covariance, rng):
-        return integrate(density, x, covariance, rng, IntegralSettings(rounds=3, last_resort="none"))
+        return integrate(density, x, covariance, rng, IntegralSettings(rounds=4, last_resort="none"))
 
     def no_walk(law, fitted, rng):
         return compression_posterior._summary(law, fitted, fitted.x + np.zeros((9, 1)), np.nan, "walkers", False, 9.0)

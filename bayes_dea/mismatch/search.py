@@ -50,8 +50,9 @@ _ALIKE, _PARTNERS = 30.0, 3
 _PROMISING, _IN_PLACE = 0.4, 5
 #: share of the misfit that is left, but for so many nats, which a grid has to promise for a further effect to be fitted
 _SHARE, _SMALL = 0.1, 200.0
-#: share of it that may remain, once nothing better takes its place, for a third effect to be looked for
-REMAINS = 0.5
+#: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
+#: effect to be looked for: of two that are there the wrong second one takes half and less
+_FINELY, REMAINS = 0.5, 0.7
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -188,7 +189,7 @@ def refined(
             continue
         if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
             continue
-        if left > _SMALL and excess(w.fit, prior) > REMAINS * left:
+        if left > _SMALL and excess(w.fit, prior) > _FINELY * left:
             continue
         better = integrated(w.fit, own, rng, partial(_along, say, name))
         if better is not None:

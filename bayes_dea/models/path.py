@@ -17,35 +17,52 @@ from ..noise.blocks import Blocks
 #: blocks of more rows than that are known at these parts of their length
 _LONG = 16
 _PLACES = np.linspace(0.0, 1.0, 17)
+#: part of a step from a row within which a corner is that row
+_ON_ROW = 1e-3
 
 
 @dataclass(frozen=True)
 class Path:
-    """A subset of a recording's rows, the first and the last among them: time_s (m,) s, position_m (m,) m, row (m,)."""
+    """A subset of a recording's rows, the first and the last among them, and corners between rows.
+
+    time_s (m,) s, position_m (m,) m; row (m,): index of the row, for a corner a number between two.
+    """
 
     time_s: NDArray[np.float64]
     position_m: NDArray[np.float64]
-    row: NDArray[np.int64]
+    row: NDArray[np.float64]
+
+    def of_rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Those of values (m,) that belong to rows."""
+        return values[self.row == np.floor(self.row)]
 
 
 def make_path(
     time_s: NDArray[np.float64], position_m: NDArray[np.float64], loose: NDArray[np.bool_],
-    averaged: Blocks | None = None, corners_s: NDArray[np.float64] | None = None,
+    averaged: Blocks | None = None, corners: NDArray[np.float64] | None = None,
 ) -> Path:
     """Path through an imposed position (n,) m.
 
     loose (n,): rows that are kept, because the plates may part or meet there. averaged: blocks over which the force
-    will be averaged. corners_s: times between which the position is straight.
+    will be averaged. corners (2, c): times (s) and positions (m) between which it is straight; friction feels a turn
+    that is cut by a tenth of a micrometre.
     """
     n = time_s.size
     keep = loose.copy()
     keep[[0, n - 1]] = True
-    if corners_s is not None:
-        after = np.clip(np.searchsorted(time_s, corners_s), 1, n - 1)
+    if corners is not None:
+        after = np.clip(np.searchsorted(time_s, corners[0]), 1, n - 1)
         keep[after] = keep[after - 1] = True  # the corner lies between two rows
     if averaged is not None:
         for first, stop in zip(averaged.start, averaged.stop, strict=True):
             keep[first:stop] |= stop - first <= _LONG
             keep[np.rint(first + _PLACES * (stop - 1 - first)).astype(np.int64)] = True
-    row = np.flatnonzero(keep)
-    return Path(np.ascontiguousarray(time_s[row]), np.ascontiguousarray(position_m[row]), row)
+    rows = np.flatnonzero(keep)
+    t, x, row = time_s[rows], position_m[rows], rows.astype(np.float64)
+    if corners is not None:
+        share = (corners[0] - time_s[after - 1]) / (time_s[after] - time_s[after - 1])
+        inside = (share > _ON_ROW) & (share < 1.0 - _ON_ROW)
+        at = np.searchsorted(t, corners[0][inside])
+        t, x = np.insert(t, at, corners[0][inside]), np.insert(x, at, corners[1][inside])
+        row = np.insert(row, at, (after - 1 + share)[inside])
+    return Path(np.ascontiguousarray(t), np.ascontiguousarray(x), row)

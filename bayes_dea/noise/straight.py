@@ -45,6 +45,11 @@ class Straight:
     time_s: Array
     level: Array
 
+    @property
+    def corners(self) -> Array:
+        """Times and levels of the corners (2, c)."""
+        return np.array([self.time_s, self.level])
+
     def at(self, time_s: Array) -> Array:
         """The input (n,) at times (n,) s; constant before the first corner and after the last."""
         return np.asarray(np.interp(time_s, self.time_s, self.level))
