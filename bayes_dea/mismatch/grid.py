@@ -116,6 +116,11 @@ class Screened:
         return self.base_objective - self.points[0].posterior
 
     @property
+    def promise(self) -> float:
+        """Nats of likelihood by which the likeliest point beats the base: no matter of the parameters' units."""
+        return self.base_objective - min(p.likelihood for p in self.points)
+
+    @property
     def contrast(self) -> float:
         """Nats of likelihood between the base and the point that differs from it most."""
         return max(abs(p.likelihood - self.base_objective) for p in self.points)

@@ -113,14 +113,13 @@ def refined(
     spoiled: Callable[[Fit], bool] | None = None,
     left: float = 0.0,
     adequate: Callable[[Fit], bool] | None = None,
-    least: float = LEAST_GAIN,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
     None where the first of them shows readings that are false. left: nats of misfit that further effects are looked
     for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
     adequate: asked of the leading fit; where it says no, another effect will be looked for beside it, and rivals are
-    not weighed finely either. least: nats that the grid has to promise for a refit.
+    not weighed finely either.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
@@ -128,7 +127,7 @@ def refined(
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(least, _SHARE * (left - _SMALL))
+    least = max(LEAST_GAIN, _SHARE * (left - _SMALL))
     reached, best = 0.0, math.inf
     for k, s in enumerate(sorted(screened, key=lambda s: -s.gain)):
         name = "+".join(s.effects)
@@ -310,7 +309,7 @@ def beside(
     best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
     rng: np.random.Generator, adequate: Callable[[Fit], bool] | None = None, least: float = LEAST_GAIN,
 ) -> list[Weighed]:
-    """Every further effect beside the ones found. least: nats that the grid has to promise for one."""
+    """Every further effect beside the ones found; none where the grid promises less than `least` nats for any."""
     frame = Frame(best.fit)
     found = []
     rest = [n for n in names if n not in best.effects and not any({n, e} == SAME for e in best.effects)]
@@ -324,8 +323,10 @@ def beside(
             s = screen([frame], m, effects, sparse=True) if m is not None else None
             if s is not None:
                 found.append(s)
+    if max((s.promise for s in found), default=0.0) < least:
+        return []
     left = excess(best.fit, prior)
-    weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, least=least)
+    weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate)
     return list((weighed or {}).values())
 
 

@@ -1,8 +1,15 @@
-"""A second effect that a mode of the base stands in for, where one effect seems to be enough."""
+"""A second effect where one seems to be enough: a mode of the base stands in for it, or it is weak."""
+
+import numpy as np
+from concealed_campaigns import concealed
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
+from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.locate import ADEQUATE, scan
+
+DELAY = {"acquisition_delay": {"T_d_s": 2e-3}}
 
 
 def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxation(tmp_path):
@@ -16,3 +23,35 @@ def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxat
     assert "fractional_relaxation" not in summary["indistinguishable"]
     pair = result.naming.weighed["fractional_relaxation+parallel_damper"]
     assert pair.log_evidence > result.naming.weighed["fractional_relaxation"].log_evidence + 30.0
+
+
+def test_a_weak_second_effect_is_found_with_its_rivals_beside_one_that_seems_enough():
+    """A dead zone of 2.5 V (0.7 um at 1200 V) beside a delay that leaves nothing significant in the residuals."""
+    result = diagnose(concealed(DELAY | {"supply_dead_zone": {"V_dead_V": 2.5}}), "hooke+gm3", seed=1)
+    alone = result.naming.weighed["acquisition_delay"].fit
+    assert scan(alone, np.random.default_rng(0)).p_value > ADEQUATE
+    found = result.summary["indistinguishable"]
+    assert "supply_dead_zone+acquisition_delay" in found
+    assert "acquisition_delay" not in found
+    # what bends the curve of voltage and stroke a little, too, is not told from it
+    assert {"amplitude_softening+acquisition_delay", "stretch_dependent_permittivity+acquisition_delay"} <= set(found)
+
+
+def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
+    fitted, looked_at = [], []
+    refined, screen = search.refined, search.screen
+
+    def refining(base, screened, *rest, **keys):
+        fitted.append([s.effects for s in screened])
+        return refined(base, screened, *rest, **keys)
+
+    def screening(frames, model, effects, *rest, **keys):
+        looked_at.append(effects)
+        return screen(frames, model, effects, *rest, **keys)
+
+    monkeypatch.setattr(search, "refined", refining)  # the search for single effects has it from elsewhere
+    monkeypatch.setattr(search, "screen", screening)
+    result = diagnose(concealed(DELAY), "hooke+gm3", seed=1)
+    assert result.summary["indistinguishable"] == ["acquisition_delay"]
+    assert sum("acquisition_delay" in effects and len(effects) == 2 for effects in looked_at) > 15
+    assert fitted == []
