@@ -7,9 +7,11 @@ residuals (binary segmentation; Fryzlewicz 2014, doi:10.1214/14-AOS1245), then e
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from .blocks import Blocks
@@ -18,8 +20,8 @@ Array = NDArray[np.float64]
 
 #: squared residuals (in variances) that a split has to save: by chance in less than one of a thousand lines
 _SAVED = 25.0
-#: passes over the borders
-_PASSES = 3
+#: passes over the borders, and blocks that are split at first
+_PASSES, _PART = 3, 4096
 #: sds of a block's mean within which it may belong to either of two lines
 _DOUBT = 5.0
 #: fewest readings of a line whose error is known as that of a line, and how many lines
@@ -73,16 +75,16 @@ class Straight:
 
 def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> Straight:
     """Pieces of an input that is known by its means (nb,) over blocks; sd: scatter of one of its readings."""
-    t, u, n = blocks.time_s, np.asarray(means, dtype=float), blocks.count.astype(float)
-    w = n / sd**2
+    t, u = np.ascontiguousarray(blocks.time_s), np.ascontiguousarray(means, dtype=float)
+    w = blocks.count / sd**2
     borders = _merged(t, u, w, _split(t, u, w))
     for _ in range(_PASSES):
         moved = _merged(t, u, w, _placed(t, u, w, borders))
-        if moved == borders:
+        if np.array_equal(moved, borders):
             break
         borders = moved
-    first, stop = np.array(borders[:-1], dtype=np.int64), np.array(borders[1:], dtype=np.int64)
-    lines = [_line(t[a:b], u[a:b], w[a:b]) for a, b in zip(first, stop, strict=True)]
+    first, stop = borders[:-1], borders[1:]
+    lines = [_line(t, u, w, a, b) for a, b in zip(first, stop, strict=True)]
     centre, value, slope, spread = (np.array([line[i] for line in lines]) for i in range(4))
     rows = np.add.reduceat(blocks.count, first)
     # blocks begin and end with rows
@@ -91,80 +93,110 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     return Straight(first, stop, centre, value, slope, rows, spread, begin, *corners)
 
 
-def _line(t: Array, u: Array, w: Array) -> tuple[float, float, float, float]:
-    """Centre, value there, slope and sd of the times of the line through u."""
-    total = w.sum()
-    centre = float(w @ t / total)
-    value = float(w @ u / total)
-    d = t - centre
-    square = float(w @ (d * d))
-    slope = float((w * d) @ (u - value) / square) if t.size > 1 and square > 0 else 0.0
-    return centre, value, slope, float(np.sqrt(square / total))
+@njit(cache=True)
+def _line(t, u, w, a, b):
+    """Centre, value there, slope, sd of the times and squared residuals of the line through the values a ... b - 1."""
+    n = ct = cu = tt = tu = uu = 0.0
+    for i in range(a, b):
+        n += w[i]
+        dt, du = t[i] - ct, u[i] - cu
+        ct += dt * w[i] / n
+        cu += du * w[i] / n
+        tt += w[i] * dt * (t[i] - ct)
+        tu += w[i] * dt * (u[i] - cu)
+        uu += w[i] * du * (u[i] - cu)
+    slope = tu / tt if tt > 0.0 else 0.0
+    rest = uu - slope * tu if b - a > 2 else 0.0
+    return ct, cu, slope, math.sqrt(tt / n), max(rest, 0.0)
 
 
-def _sums(t: Array, u: Array, w: Array) -> Array:
-    """Squared residuals of the lines through the first 0 ... n values (n + 1,)."""
-    d, y = t - t[0], u
-    s = np.zeros((6, t.size + 1))
-    s[:, 1:] = np.cumsum(np.array([w, w * d, w * d * d, w * y, w * d * y, w * y * y]), axis=1)
-    n, sd, sdd, sy, sdy, syy = s
-    n = np.where(n > 0, n, 1.0)
-    a, b, c = sdd - sd * sd / n, sdy - sd * sy / n, syy - sy * sy / n
-    left = c - np.where(a > 1e-12 * sdd, b * b / np.where(a > 0, a, 1.0), 0.0)
-    # one value lies on its line, two do
-    left[:3] = 0.0
-    return np.maximum(left, 0.0)
+@njit(cache=True)
+def _best(t, u, w, a, b, before):
+    """Where two lines through the values a ... b - 1 save most, and how much; the first of the second line.
+
+    before: room for as many numbers. From the line through all of them sums stay small numbers.
+    """
+    centre, value, slope, _, whole = _line(t, u, w, a, b)
+    n = ct = cu = tt = tu = uu = 0.0
+    for i in range(a, b):
+        y = u[i] - value - slope * (t[i] - centre)
+        n += w[i]
+        dt, du = t[i] - ct, y - cu
+        ct += dt * w[i] / n
+        cu += du * w[i] / n
+        tt += w[i] * dt * (t[i] - ct)
+        tu += w[i] * dt * (y - cu)
+        uu += w[i] * du * (y - cu)
+        before[i - a] = max(uu - tu * tu / tt, 0.0) if i - a > 1 and tt > 0.0 else 0.0
+    n = ct = cu = tt = tu = uu = 0.0
+    best, least = a + 1, math.inf
+    for i in range(b - 1, a, -1):
+        y = u[i] - value - slope * (t[i] - centre)
+        n += w[i]
+        dt, du = t[i] - ct, y - cu
+        ct += dt * w[i] / n
+        cu += du * w[i] / n
+        tt += w[i] * dt * (t[i] - ct)
+        tu += w[i] * dt * (y - cu)
+        uu += w[i] * du * (y - cu)
+        after = max(uu - tu * tu / tt, 0.0) if b - i > 2 and tt > 0.0 else 0.0
+        if before[i - 1 - a] + after < least:
+            best, least = i, before[i - 1 - a] + after
+    return best, whole - least
 
 
-def _best(t: Array, u: Array, w: Array) -> tuple[int, float]:
-    """Where two lines save most, and how much; the first of the second line."""
-    if t.size < 2:
-        return 0, 0.0
-    centre, value, slope, _ = _line(t, u, w)
-    r = u - value - slope * (t - centre)  # small numbers: sums of their squares keep what splits them
-    before, after = _sums(t, r, w), _sums(-t[::-1], r[::-1], w[::-1])[::-1]
-    both = (before + after)[1:-1]
-    k = int(np.argmin(both))
-    return k + 1, float(before[-1] - both[k])
-
-
-def _split(t: Array, u: Array, w: Array) -> list[int]:
-    """Borders, from top to bottom."""
-    found, todo = {0, t.size}, [(0, t.size)]
-    while todo:
-        a, b = todo.pop()
-        k, saved = _best(t[a:b], u[a:b], w[a:b])
+@njit(cache=True)
+def _split(t, u, w):
+    """Borders, from top to bottom; first of parts of bounded length, whose borders go again where they can."""
+    n = t.size
+    border = np.zeros(n + 1, dtype=np.bool_)
+    border[0] = border[n] = True
+    before = np.empty(n)
+    todo = np.empty((n + 2, 2), dtype=np.int64)
+    waiting = 0
+    for a in range(0, n, _PART):
+        border[a] = True
+        todo[waiting, 0], todo[waiting, 1] = a, min(a + _PART, n)
+        waiting += 1
+    while waiting > 0:
+        waiting -= 1
+        a, b = todo[waiting]
+        if b - a < 2:
+            continue
+        k, saved = _best(t, u, w, a, b, before)
         if saved > _SAVED:
-            found.add(a + k)
-            todo += [(a, a + k), (a + k, b)]
-    return sorted(found)
+            border[k] = True
+            todo[waiting, 0], todo[waiting, 1] = a, k
+            todo[waiting + 1, 0], todo[waiting + 1, 1] = k, b
+            waiting += 2
+    return np.flatnonzero(border)
 
 
-def _placed(t: Array, u: Array, w: Array, borders: list[int]) -> list[int]:
+@njit(cache=True)
+def _placed(t, u, w, borders):
     """Every border at its best place between those beside it."""
-    out = list(borders)
-    for i in range(1, len(out) - 1):
-        a, b = out[i - 1], out[i + 1]
-        k, _ = _best(t[a:b], u[a:b], w[a:b])
-        out[i] = a + k if 0 < k < b - a else out[i]
+    out = borders.copy()
+    before = np.empty(t.size)
+    for i in range(1, out.size - 1):
+        k, saved = _best(t, u, w, out[i - 1], out[i + 1], before)
+        if saved > 0.0:
+            out[i] = k
     return out
 
 
-def _merged(t: Array, u: Array, w: Array, borders: list[int]) -> list[int]:
+@njit(cache=True)
+def _merged(t, u, w, borders):
     """Without the borders that save too little."""
-    out = [borders[0]]
-    for i in range(1, len(borders) - 1):
-        a, b, k = out[-1], borders[i + 1], borders[i]
-        whole = _sums(t[a:b], _flat(t[a:b], u[a:b], w[a:b]), w[a:b])[-1]
-        parts = sum(_sums(t[c:d], _flat(t[c:d], u[c:d], w[c:d]), w[c:d])[-1] for c, d in ((a, k), (k, b)))
-        if whole - parts > _SAVED:
-            out.append(k)
-    return [*out, borders[-1]]
-
-
-def _flat(t: Array, u: Array, w: Array) -> Array:
-    centre, value, slope, _ = _line(t, u, w)
-    return np.asarray(u - value - slope * (t - centre))
+    out = np.empty_like(borders)
+    out[0], m = borders[0], 1
+    for i in range(1, borders.size - 1):
+        a, k, b = out[m - 1], borders[i], borders[i + 1]
+        parts = _line(t, u, w, a, k)[4] + _line(t, u, w, k, b)[4]
+        if _line(t, u, w, a, b)[4] - parts > _SAVED:
+            out[m] = k
+            m += 1
+    out[m] = borders[-1]
+    return out[: m + 1]
 
 
 def _corners(
