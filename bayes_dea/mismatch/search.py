@@ -210,13 +210,9 @@ def overlooked(
     Where a mode of the base does an effect's work, those that would do it, too, promise nothing: a sensor's lag beside
     a damper, say.
     """
-    names, theirs = base.problem.model.priors.names, leader.problem.model
-    shared = np.array([leader.q[theirs.priors.names.index(n)] for n in names])
-    if np.max(np.abs(shared - base.q[: shared.size]), initial=0.0) < _MOVED:
-        return []
-    q = np.concatenate([shared, leader.q[theirs.dimension :]])
-    plain = refit(base.problem, q, prior.start(), prior, max_steps=0, fit_noise=False)
-    if plain is None:
+    plain = stripped(leader, base.problem.model, prior)
+    d = base.problem.model.dimension
+    if plain is None or np.max(np.abs(plain.q[:d] - base.q[:d]), initial=0.0) < _MOVED:
         return []
     frame, reached = Frame(plain), value_at(leader.problem, leader.q, prior.start())
     found = []
@@ -231,6 +227,14 @@ def overlooked(
         if w is not None:
             out.append((s, w))
     return out
+
+
+def stripped(fit: Fit, model: Model, prior: NoisePrior) -> Fit | None:
+    """A simpler model with the parameters that it has in a fit; not refitted. None where it has no answer there."""
+    theirs = fit.problem.model
+    shared = [fit.q[theirs.priors.names.index(n)] for n in model.priors.names]
+    q = np.concatenate([np.array(shared), fit.q[theirs.dimension :]])
+    return refit(fit.problem.with_model(model), q, prior.start(), prior, max_steps=0, fit_noise=False)
 
 
 def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior) -> Weighed:
@@ -264,7 +268,8 @@ def second_thoughts(
     Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two the
     one found second gets another beside it. An effect that contains another is put back to that one. A mode of the base
     may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far faster
-    than the sampling is a damper), and then that effect is looked for in its place.
+    than the sampling is a damper), and then that effect is looked for in its place. Of three one may do what is left
+    of an effect that contains another one of them, and then that effect is looked for in place of both.
     """
     out: list[Weighed] = []
     laws = {**overrides, **law_of(w)}
@@ -282,6 +287,8 @@ def second_thoughts(
         if alone is None:
             continue
         out.append(alone)
+    if len(w.effects) > 2:
+        out += [t for pair in list(out) for t in widened(pair, base, model, names, prior, laws, say)]
     if len(w.effects) == 2 and len(out) > 1:
         second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)
@@ -328,6 +335,35 @@ def beside(
     left = excess(best.fit, prior)
     weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate)
     return list((weighed or {}).values())
+
+
+def widened(
+    pair: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
+    say: Report,
+) -> list[Weighed]:
+    """A hypothesis with an effect that contains one of its own in its place, looked for from where it stands."""
+    order = list(registered_effects())
+    out = []
+    for wide, narrow in CONTAINS.items():
+        if narrow not in pair.effects or wide in pair.effects or wide not in names:
+            continue
+        others = [n for n in pair.effects if n != narrow]
+        bare = extended(model, others, overrides) if others else model
+        plain = stripped(pair.fit, bare, prior) if bare is not None else None
+        if plain is None:
+            continue
+        effects = tuple(sorted((*others, wide), key=order.index))
+        say("leaving one out", 0, 1, "+".join(effects))
+        laws = ({}, VARIANTS[wide]) if wide in VARIANTS else ({},)
+        for law in laws:
+            m = extended(model, effects, {**overrides, **law})
+            s = screen([Frame(plain)], m, effects) if m is not None else None
+            w = refine(plain, s, prior, 2) if s is not None else None
+            if w is not None:
+                # the grid around a place that is not its own maximum says little of the evidence
+                known = w.fit.log_evidence - math.log(len(laws))
+                out.append(replace(w, log_evidence=known, log_evidence_se=0.1, size_m=effect_size(base, w.fit)))
+    return out
 
 
 def beside_the_second(

@@ -1,0 +1,33 @@
+"""An effect that contains another one of an explanation, looked for in its place."""
+
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch import search
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.relabel import within
+
+LEAK = {"R_leak_ohm": 5e8, "R_s_ohm": 6e4, "E_0_V_per_m": 1.2e6}
+
+
+def quiet(*_):
+    pass
+
+
+def test_a_leak_is_found_where_a_resistance_did_its_work():
+    result = diagnose(concealed({"leakage": LEAK}), "hooke+gm3", seed=1)
+    known = result.naming.weighed
+    campaign, base = result.assembled.campaign, result.base
+    prior, model = noise_prior(result.assembled), base.problem.model
+    given = effect_priors(["series_resistance", "leakage"], campaign)
+    narrow = within(known["leakage"], base, extended(model, ["series_resistance"], given), prior)
+    found = search.widened(narrow, base, model, ["series_resistance", "leakage"], prior, given, quiet)
+    best = max(found, key=lambda w: w.log_evidence)
+    assert best.effects == ("leakage",)
+    assert best.log_evidence > narrow.log_evidence + 100
+    assert abs(best.log_evidence - known["leakage"].log_evidence) < 5
+    assert best.size_m > 1e-6
+    # where it is no candidate, or is there already, nothing is looked for
+    assert search.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
+    assert search.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []
