@@ -214,7 +214,7 @@ def name_physics(
         if more and len(best.weighed.effects) == 1:
             known = [w for w in weighed.values() if enough(w)]
             swapped = in_place_of_the_first(
-                best.weighed, more, known, model, prior, given, say, rng, free is not None
+                best.weighed, more, known, model, names, prior, given, say, rng, free is not None
             )
             weighed.update({w.name: w for w in swapped})
             more += [w for w in swapped if enough(w)]

@@ -409,27 +409,33 @@ def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
 
 
 def in_place_of_the_first(
-    first: Weighed, pairs: list[Weighed], weighed: list[Weighed], model: Model, prior: NoisePrior,
+    first: Weighed, pairs: list[Weighed], weighed: list[Weighed], model: Model, names: list[str], prior: NoisePrior,
     overrides: Mapping[str, object], say: Report, rng: np.random.Generator, free: bool = False,
 ) -> list[Weighed]:
     """Pairs whose first effect is one that alone did as well as `first`, beside what does best beside that.
 
     Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
-    without its rivals. pairs: `first` with each second effect; weighed: all that were weighed, single ones among them;
-    free: whether modes that stand in for a second effect are set free for it.
+    without its rivals. Where nothing helps beside the leading one (a mass with much damping does what two lags do), all
+    that may be is tried beside the next. pairs: `first` with each second effect; weighed: all that were weighed, single
+    ones among them; free: whether modes that stand in for a second effect are set free for it.
     """
     alike = [
         w for w in weighed
         if len(w.effects) == 1 and w.effects != first.effects and w.log_evidence > first.log_evidence - _ALIKE
     ]
-    top = max(w.log_evidence for w in pairs)
+    alike = sorted(alike, key=lambda w: -w.log_evidence)[:_PARTNERS]
+    out: list[Weighed] = []
+    if not free and alike and max(w.log_evidence for w in pairs) < first.log_evidence + _FOUND:
+        first = alike.pop(0)
+        pairs = beside(first, model, names, prior, overrides, say, rng)
+        out += pairs
+    top = max((w.log_evidence for w in pairs), default=0.0)
     seconds = [
         next(n for n in w.effects if n not in first.effects)
         for w in sorted(pairs, key=lambda w: -w.log_evidence)[:_PARTNERS]
         if w.log_evidence > top - _RIVALS
     ]
-    out: list[Weighed] = []
-    for other in sorted(alike, key=lambda w: -w.log_evidence)[:_PARTNERS]:
+    for other in alike:
         rest = [n for n in seconds if n not in other.effects]
         start = freed(other, prior) if free else None
         if start is None:
