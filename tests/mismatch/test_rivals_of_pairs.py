@@ -6,7 +6,6 @@ import numpy as np
 
 from bayes_dea.mismatch import search
 
-
 NAMES = ["series_resistance", "leakage", "thickness_feedback", "sensor_nonlinearity"]
 
 
