@@ -111,38 +111,41 @@ def _line(t, u, w, a, b):
 
 
 @njit(cache=True)
-def _best(t, u, w, a, b, before):
+def _rests(t, u, w, start, step, n, line, out):
+    """Squared residuals of the lines through the first 1 ... n values from `start` on, forwards or backwards, in `out`.
+
+    From a line (centre, value, slope) near all of them sums stay small numbers.
+    """
+    total = ct = cu = tt = tu = uu = 0.0
+    for j in range(n):
+        i = start + step * j
+        y = u[i] - line[1] - line[2] * (t[i] - line[0])
+        total += w[i]
+        dt, du = t[i] - ct, y - cu
+        ct += dt * w[i] / total
+        cu += du * w[i] / total
+        tt += w[i] * dt * (t[i] - ct)
+        tu += w[i] * dt * (y - cu)
+        uu += w[i] * du * (y - cu)
+        out[j] = max(uu - tu * tu / tt, 0.0) if j > 1 and tt > 0.0 else 0.0
+
+
+@njit(cache=True)
+def _best(t, u, w, a, b, room):
     """Where two lines through the values a ... b - 1 save most, and how much; the first of the second line.
 
-    before: room for as many numbers. From the line through all of them sums stay small numbers.
+    room (2, at least b - a): for sums from either end.
     """
-    centre, value, slope, _, whole = _line(t, u, w, a, b)
-    n = ct = cu = tt = tu = uu = 0.0
-    for i in range(a, b):
-        y = u[i] - value - slope * (t[i] - centre)
-        n += w[i]
-        dt, du = t[i] - ct, y - cu
-        ct += dt * w[i] / n
-        cu += du * w[i] / n
-        tt += w[i] * dt * (t[i] - ct)
-        tu += w[i] * dt * (y - cu)
-        uu += w[i] * du * (y - cu)
-        before[i - a] = max(uu - tu * tu / tt, 0.0) if i - a > 1 and tt > 0.0 else 0.0
-    n = ct = cu = tt = tu = uu = 0.0
-    best, least = a + 1, math.inf
-    for i in range(b - 1, a, -1):
-        y = u[i] - value - slope * (t[i] - centre)
-        n += w[i]
-        dt, du = t[i] - ct, y - cu
-        ct += dt * w[i] / n
-        cu += du * w[i] / n
-        tt += w[i] * dt * (t[i] - ct)
-        tu += w[i] * dt * (y - cu)
-        uu += w[i] * du * (y - cu)
-        after = max(uu - tu * tu / tt, 0.0) if b - i > 2 and tt > 0.0 else 0.0
-        if before[i - 1 - a] + after < least:
-            best, least = i, before[i - 1 - a] + after
-    return best, whole - least
+    line = _line(t, u, w, a, b)
+    n = b - a
+    _rests(t, u, w, a, 1, n, line, room[0])
+    _rests(t, u, w, b - 1, -1, n, line, room[1])
+    best, least = 1, math.inf
+    for k in range(n - 1, 0, -1):
+        both = room[0, k - 1] + room[1, n - k - 1]
+        if both < least:
+            best, least = k, both
+    return a + best, line[4] - least
 
 
 @njit(cache=True)
@@ -151,7 +154,7 @@ def _split(t, u, w):
     n = t.size
     border = np.zeros(n + 1, dtype=np.bool_)
     border[0] = border[n] = True
-    before = np.empty(n)
+    room = np.empty((2, n))
     todo = np.empty((n + 2, 2), dtype=np.int64)
     waiting = 0
     for a in range(0, n, _PART):
@@ -163,7 +166,7 @@ def _split(t, u, w):
         a, b = todo[waiting]
         if b - a < 2:
             continue
-        k, saved = _best(t, u, w, a, b, before)
+        k, saved = _best(t, u, w, a, b, room)
         if saved > _SAVED:
             border[k] = True
             todo[waiting, 0], todo[waiting, 1] = a, k
@@ -176,9 +179,9 @@ def _split(t, u, w):
 def _placed(t, u, w, borders):
     """Every border at its best place between those beside it."""
     out = borders.copy()
-    before = np.empty(t.size)
+    room = np.empty((2, t.size))
     for i in range(1, out.size - 1):
-        k, saved = _best(t, u, w, out[i - 1], out[i + 1], before)
+        k, saved = _best(t, u, w, out[i - 1], out[i + 1], room)
         if saved > 0.0:
             out[i] = k
     return out
