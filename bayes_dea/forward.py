@@ -124,7 +124,8 @@ def _with_effects(
     if model.is_black_box:
         materials_of(model, {})  # says that a black box knows no force
     require(recording.actuator, ("stack_height_m", "total_area_m2"), f"{recording.name} (a mechanical recording)")
-    imposed, position = imposed_pieces(recording), imposed_position(recording)
+    imposed = imposed_pieces(recording)
+    position = _position(recording, imposed)
     corners = None if imposed is None else imposed.straight.corners
     path = make_path(recording.time_s, position, np.ones(position.size, dtype=bool), corners=corners)
     zero = float(position[0]) if zero_m is None else zero_m
@@ -200,15 +201,19 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
     would turn round with every reading. Where there is any, straight pieces (`noise.straight`) replace the samples, as
     in the fit; a noise-free column stays as it is.
     """
-    imposed = imposed_pieces(recording)
-    position = filled_input(recording.columns["position_m"])
-    return position if imposed is None else computed(imposed.straight.at, recording.time_s)
+    return _position(recording, imposed_pieces(recording))
+
+
+def _position(recording: Recording, imposed: Imposed | None) -> NDArray[np.float64]:
+    if imposed is None:
+        return filled_input(recording.columns["position_m"])
+    return computed(imposed.straight.at, recording.time_s)
 
 
 def imposed_path(recording: Recording, averaged: Blocks) -> Path:
     """The same at the rows that it takes to know the force in the means of blocks."""
     imposed = imposed_pieces(recording)
-    position = imposed_position(recording)
+    position = _position(recording, imposed)
     if imposed is None:
         return make_path(recording.time_s, position, np.ones(position.size, dtype=bool))
     force = np.abs(filled_input(recording.columns["force_N"]))
@@ -219,10 +224,9 @@ def imposed_path(recording: Recording, averaged: Blocks) -> Path:
 
 @dataclass(frozen=True)
 class Imposed:
-    """A measured position in straight pieces. scatter_m: of one of its readings; blocks: those it was found from."""
+    """A measured position in straight pieces. scatter_m: of one of its readings."""
 
     straight: Straight
-    blocks: Blocks
     scatter_m: float
 
 
@@ -233,5 +237,4 @@ def imposed_pieces(recording: Recording) -> Imposed | None:
     if scatter <= 1e-7 * (float(position.max() - position.min()) or 1.0):
         return None
     blocks = log_blocks(recording.time_s, position, POSITION_BLOCKS, kinks=find_kinks(position))
-    found = straight_pieces(recording.time_s, blocks, block_means(position, blocks), scatter)
-    return Imposed(found, blocks, scatter)
+    return Imposed(straight_pieces(recording.time_s, blocks, block_means(position, blocks), scatter), scatter)
