@@ -20,6 +20,11 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 }
 
 
+def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
+    """Laws of an effect, the plain one first, as what is given beside the priors of its parameters."""
+    return ({}, VARIANTS[name]) if name in VARIANTS else ({},)
+
+
 def prior_odds() -> dict[str, float]:
     """Prior odds of the kinds of hypotheses: none, unknown, one effect, two effects (shares of one)."""
     with (prior_folder() / "diagnosis" / "hypotheses.toml").open("rb") as file:

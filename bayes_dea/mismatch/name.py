@@ -18,28 +18,17 @@ from ..campaign.schema import Campaign
 from .discrepancy import Discrepancy, basis, discrepancy
 from .features import Features
 from .frame import Frame
+from .further import HIDDEN, beside, beside_the_leader, freed, in_place_of_the_first, second_thoughts
 from .grid import Screened
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
+from .known import Known
 from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit
 from .relabel import FURTHER, labellings
-from .search import (
-    HIDDEN,
-    LEAST_GAIN,
-    REMAINS,
-    Report,
-    beside,
-    frames_of,
-    freed,
-    in_place_of_the_first,
-    on_grids,
-    refined,
-    second_thoughts,
-    typical,
-)
-from .size import effect_size, size_elsewhere
+from .search import LEAST_GAIN, REMAINS, Report, frames_of, on_grids, refined, typical
+from .size import effect_size
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
 from .weigh import Weighed, excess
@@ -50,8 +39,6 @@ Array = NDArray[np.float64]
 _VISIBLE = 5.0
 #: probability from which on it matters which of its modes a hypothesis calls the further one
 _WORTH_LABELLING = 0.01
-#: nats by which a fit from elsewhere has to beat the one that was weighed
-_CLEARLY = 10.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -145,43 +132,27 @@ def name_physics(
     def adequate(fit: Fit) -> bool:
         return scan(fit, rng, looks).p_value > ADEQUATE
 
-    weighed = refined(base, found, prior, say, 2, rng, spoiled, adequate=adequate)
-    if weighed is None:
+    singles = refined(base, found, prior, say, 2, rng, spoiled, adequate=adequate)
+    if singles is None:
         return None
     odds = prior_odds()
+    elsewhere = [p for p in unseen if p.channel == "displacement"]
+    known = Known(none.weighed, resolution_m, odds, max(len(names), 1), elsewhere, singles)
+    considered: list[Weighed] = []
 
     def left(done: float, of: float, text: str) -> None:
         say("checking what is left", done, of, text)
 
-    elsewhere = [p for p in unseen if p.channel == "displacement"]
-
-    def large(w: Weighed) -> bool:
-        if w.size_m >= resolution_m or w.fit is base or not elsewhere:
-            return w.size_m >= resolution_m
-        return size_elsewhere(base, w.fit, elsewhere) >= resolution_m
-
-    def enough(w: Weighed) -> bool:
-        # what explains more than another of its kind that is large enough is not less than that one
-        return large(w) or any(large(v) for v in _poorer(w, weighed, none.weighed))
-
-    singles = max(len(names), 1)
-
-    def share(w: Weighed) -> float:
-        return odds["single" if len(w.effects) == 1 else "double"] / singles
-
-    def weight(w: Weighed) -> float:
-        return w.log_evidence + math.log(share(w))
-
     def thoughts(w: Weighed) -> Weighed:
         """The same, or what is likelier once no mode of the base stands in for another effect."""
-        more = [t for t in second_thoughts(w, none.weighed.fit, model, names, prior, given, say, rng) if enough(t)]
-        for t in more:
-            # these are Laplace's evidences, which overstate along ridges
-            if t.name not in weighed or t.log_evidence > weighed[t.name].log_evidence + _CLEARLY:
-                weighed[t.name] = t
-        return max([w, *(t for t in more if weighed[t.name] is t)], key=weight)
+        if any(w is c for c in considered):
+            return w
+        more = second_thoughts(w, base, model, names, prior, given, say, rng)
+        better = known.take_from_elsewhere([t for t in more if known.enough(t)])
+        considered.append(max([w, *better], key=known.weight))
+        return considered[-1]
 
-    ranked = sorted((w for w in weighed.values() if enough(w)), key=lambda w: -w.log_evidence)
+    ranked = sorted(known.counting, key=lambda w: -w.log_evidence)
     best = none
     others: list[Explanation] = []
     if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
@@ -203,21 +174,26 @@ def name_physics(
         if enough_alone and free is None and len(best.weighed.effects) > 1:
             break
         start = free or best.weighed
-        least = HIDDEN if enough_alone and free is None else LEAST_GAIN
-        more = beside(start, model, names, prior, given, say, rng, adequate, least)
+        if enough_alone:
+            least = HIDDEN if free is None else LEAST_GAIN
+            more = beside(start, model, names, prior, given, say, rng, adequate, least)
+        else:
+            start, more = beside_the_leader(
+                start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
+            )
         if enough_alone:
             more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
             # one that adds nothing to what is enough without it is no rival of that
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
-        weighed.update({w.name: w for w in more})
-        more = [w for w in more if enough(w)]
-        if more and len(best.weighed.effects) == 1:
-            known = [w for w in weighed.values() if enough(w)]
+        known.take(more)
+        more = [w for w in more if known.enough(w)]
+        if len(best.weighed.effects) == 1 and (more or not enough_alone):
+            first = start if free is None else best.weighed
             swapped = in_place_of_the_first(
-                best.weighed, more, known, model, names, prior, given, say, rng, free is not None
+                first, more, known.counting, model, names, prior, given, say, rng, free is not None
             )
-            weighed.update({w.name: w for w in swapped})
-            more += [w for w in swapped if enough(w)]
+            known.take(swapped)
+            more += [w for w in swapped if known.enough(w)]
         if not more:
             break
         top = max(more, key=lambda w: w.log_evidence)
@@ -238,11 +214,9 @@ def name_physics(
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
     prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
-    for w in weighed.values():
-        if not enough(w):
-            continue
+    for w in known.counting:
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
-        prior_of[w.name] = share(w)
+        prior_of[w.name] = known.share(w)
     if best.discrepancy is None:
         # what imitated something that was left out has to find back
         starts = [f.fit.q for f in frames[1:]] if best is none else []
@@ -258,21 +232,10 @@ def name_physics(
     probability = _with_adequacy(probability, best)
     labelled = {
         w.name: labellings(w, prior)
-        for w in weighed.values()
+        for w in known.weighed.values()
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
-    return Naming(none, best, weighed, evidence, error, probability, log_p, skipped, labelled, visible)
-
-
-def _poorer(w: Weighed, weighed: Mapping[str, Weighed], none: Weighed) -> list[Weighed]:
-    """Refitted hypotheses of as many effects that explain less, but clearly more than those of fewer effects do."""
-    count = len(w.effects)
-    if w.fit is none.fit or count == 0:
-        return []
-    fewer = [v.log_evidence for v in weighed.values() if len(v.effects) == count - 1] if count > 1 else []
-    least = max(fewer, default=none.log_evidence) + 3.0
-    alike = [v for v in weighed.values() if len(v.effects) == count and v.fit is not none.fit and v is not w]
-    return [v for v in alike if least < v.log_evidence <= w.log_evidence]
+    return Naming(none, best, known.weighed, evidence, error, probability, log_p, skipped, labelled, visible)
 
 
 def weigh_delay(

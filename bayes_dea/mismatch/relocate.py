@@ -26,6 +26,8 @@ _SHARES = (0.02, 0.1)
 #: nats that a point has to promise, and rounds
 _LEAST = 2.0
 _ROUNDS = 2
+#: nats by which a descent has to end below where it all began for the fit to be made again from there
+_BETTER = 0.3
 #: points that fits begin from, and how far (in logs) one is moved along
 _TRIED = 2
 _FAR = 0.7
@@ -51,9 +53,10 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
             end = descend(fit.problem, begin, prior.start(), low, high, 25, 0.05, None, enough, coarse=True)
             if end is not None:
                 ends.append(end)
-        if not ends:
+        best = min(ends, key=lambda e: e.value, default=None)
+        if best is None or best.value > enough - _BETTER:
             break
-        again = refit(fit.problem, min(ends, key=lambda e: e.value).q, prior.start(), prior, coarse=True)
+        again = refit(fit.problem, best.q, prior.start(), prior, coarse=True)
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again

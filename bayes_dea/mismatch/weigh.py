@@ -48,6 +48,11 @@ class Weighed:
         """Effects joined with +, or none."""
         return "+".join(self.effects) or "none"
 
+    @property
+    def refitted(self) -> bool:
+        """Whether the fit is its own; what a grid calls hopeless keeps that of the base."""
+        return set(self.effects) <= set(self.fit.problem.model.spec.effects)
+
 
 def refine(
     base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf

@@ -1,5 +1,7 @@
 """When the search for further effects ends: what a grid promises, and what a second effect leaves."""
 
+from types import SimpleNamespace
+
 import pytest
 from concealed_campaigns import concealed
 
@@ -40,3 +42,19 @@ def test_no_third_effect_is_looked_for_where_the_second_leaves_most(fitted, monk
     result = diagnose(concealed({"asymmetric_viscosity": {"unload_ratio": 10.0}}), "hooke+gm3", seed=1)
     assert result.verdict == "unknown"
     assert {len(effects) for effects in fitted} == {1, 2}
+
+
+def test_beside_others_what_is_dear_to_simulate_is_fitted_last_of_what_is_fitted_in_any_case():
+    def order(base_effects):
+        model = SimpleNamespace(spec=SimpleNamespace(effects=base_effects))
+        base = SimpleNamespace(problem=SimpleNamespace(model=model))
+        return [s.effects[-1] for s in search._in_order(base, screened)]
+
+    gains = {"inertia": 90.0, "sensor_lag": 80.0, "mullins_softening": 70.0, "leakage": 60.0, "sensor_drift": 50.0,
+             "acquisition_delay": 40.0, "rate_independent_hysteresis": 30.0, "charge_retention": 20.0}
+    screened = [SimpleNamespace(effects=("series_resistance", name), gain=gain) for name, gain in gains.items()]
+    assert order(()) == list(gains)
+    assert order(("series_resistance",)) == [
+        "sensor_lag", "leakage", "sensor_drift", "acquisition_delay", "inertia", "mullins_softening",
+        "rate_independent_hysteresis", "charge_retention",
+    ]

@@ -5,9 +5,9 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.further import second_thoughts
 from bayes_dea.mismatch.hypotheses import effect_priors
 from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.search import second_thoughts
 
 LEAK = {"R_leak_ohm": 1e8, "R_s_ohm": 9.4e4, "E_0_V_per_m": 1.45e6}
 HYSTERESIS = {"sigma_y_Pa": 8800.0, "eps_y": 2.25e-3}

@@ -1,6 +1,6 @@
 """What counts as large enough to be claimed: also what explains more than something that is."""
 
-from bayes_dea.mismatch.name import _poorer
+from bayes_dea.mismatch.known import Known
 from bayes_dea.mismatch.weigh import Weighed
 
 
@@ -12,7 +12,7 @@ def _hypotheses(**evidence):
 
 def _names(of, found):
     none = found.pop("none")
-    return {"+".join(w.effects) for w in _poorer(found[of], found, none)}
+    return {w.name for w in Known(none, 1e-7, {}, 1, (), found).poorer(found[of])}
 
 
 def test_it_explains_more_than_those_of_its_kind_that_explain_something():

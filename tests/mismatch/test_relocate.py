@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_dea.mismatch import relocate
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.relabel import stands_in
-from bayes_dea.mismatch.relocate import relocated, with_modes
+from bayes_dea.mismatch.relocate import _parted, relocated, with_modes
 
 
 @pytest.fixture
@@ -46,17 +47,19 @@ def test_a_mode_below_the_sampling_step_is_put_where_it_is_needed(right):
 
 
 def test_two_modes_on_one_time_constant_are_parted(right):
-    """Equal modes are moved alike by every reading: nothing parts them but to try."""
+    """Equal modes are moved alike by every reading: only rounding would part them."""
     fit, prior = right
     values = fit.values()
     slow, middle, quick = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in (1, 2, 3)]
-    both = (np.sqrt(slow[0] * middle[0]), 0.5 * (slow[1] + middle[1]))
-    q = with_modes(fit, fit.problem.model, values, [both, (both[0] / 1.001, both[1]), quick])
-    stuck = refit(fit.problem, q, fit.noise, prior)
-    assert stuck.values()["tau_1_s"] < 1.2 * stuck.values()["tau_2_s"]
-    assert stuck.objective > fit.objective + 5.0
-    back = relocated(stuck, prior)
-    assert back.objective < fit.objective + 0.5
+    both = (np.sqrt(middle[0] * quick[0]), 0.5 * (middle[1] + quick[1]))
+    q = with_modes(fit, fit.problem.model, values, [slow, both, (both[0] / 1.001, both[1])])
+    # no step is taken: whether a descent comes off this ridge by itself is a matter of rounding
+    stuck = refit(fit.problem, q, fit.noise, prior, max_steps=0, fit_noise=False)
+    assert stuck.objective > fit.objective + 100.0
+    apart = _parted(stuck)
+    assert min(refit(fit.problem, p, fit.noise, prior).objective for p in apart) < fit.objective + 0.5
+    assert not _parted(fit)
+    assert relocated(stuck, prior).objective < fit.objective + 0.5
 
 
 def test_a_mode_that_no_reading_resolves_stands_in_for_something(right):
@@ -70,3 +73,26 @@ def test_a_mode_that_no_reading_resolves_stands_in_for_something(right):
 def test_a_fit_that_is_right_stays(right):
     fit, prior = right
     assert relocated(fit, prior).objective <= fit.objective
+
+
+def test_no_fit_is_made_from_a_place_that_is_no_better(right, monkeypatch):
+    """What a linear frame promises may lead back to where it began; the fit there is known."""
+    fit, prior = right
+
+    def never(*_args, **_keys):
+        raise AssertionError("fitted")
+
+    monkeypatch.setattr(relocate, "refit", never)
+    tried = []
+    descend = relocate.descend
+
+    def counted(*args, **keys):
+        tried.append(descend(*args, **keys))
+        return tried[-1]
+
+    monkeypatch.setattr(relocate, "descend", counted)
+    monkeypatch.setattr(relocate, "_starts", lambda fit: [(fit.q, np.full(fit.q.size, 1e-3))])
+    assert relocated(fit, prior) is fit
+    assert len(tried) == 1
+    with pytest.raises(AssertionError, match="fitted"):  # from a worse one it is
+        relocated(replace(fit, q=fit.q + 0.05), prior)

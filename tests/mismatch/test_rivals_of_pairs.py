@@ -1,10 +1,11 @@
 """Pairs whose first effect is one that nothing tells from the first that led."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_dea.mismatch import search
+from bayes_dea.mismatch import further
 
 NAMES = ["series_resistance", "leakage", "thickness_feedback", "sensor_nonlinearity"]
 
@@ -13,25 +14,29 @@ NAMES = ["series_resistance", "leakage", "thickness_feedback", "sensor_nonlinear
 class Stub:
     effects: tuple[str, ...]
     log_evidence: float
+    fit: float = 0.0  # what it leaves
+    refitted: bool = True
+    value: float = math.inf
 
 
 def test_what_does_as_well_alone_is_tried_beside_the_best_second_effects(monkeypatch):
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng):
-        asked.append((best.effects, list(names)))
+    def beside(best, model, names, prior, overrides, say, rng, reached):
+        asked.append((best.effects, list(names), reached))
         return [Stub((*best.effects, n), best.log_evidence) for n in names]
 
-    monkeypatch.setattr(search, "beside", beside)
+    monkeypatch.setattr(further, "beside", beside)
     lag = Stub(("sensor_lag",), 100.0)
     singles = [lag, Stub(("parallel_damper",), 99.9), Stub(("inertia",), 20.0), Stub(("leakage",), 85.0)]
-    pairs = [Stub(("thickness_feedback", "sensor_lag"), 500.0), Stub(("sensor_lag", "sensor_nonlinearity"), 495.0),
+    pairs = [Stub(("thickness_feedback", "sensor_lag"), 500.0),
+             Stub(("sensor_lag", "sensor_nonlinearity"), 495.0, value=7.0),
              Stub(("sensor_lag", "leakage"), 300.0)]
-    out = search.in_place_of_the_first(
+    out = further.in_place_of_the_first(
         lag, pairs, [*singles, *pairs], None, NAMES, None, {}, None, np.random.default_rng(0))
     assert asked == [
-        (("parallel_damper",), ["thickness_feedback", "sensor_nonlinearity"]),
-        (("leakage",), ["thickness_feedback", "sensor_nonlinearity"]),
+        (("parallel_damper",), ["thickness_feedback", "sensor_nonlinearity"], 7.0),
+        (("leakage",), ["thickness_feedback", "sensor_nonlinearity"], 7.0),  # what stays far behind 7 is given up
     ]
     assert len(out) == 4
 
@@ -40,19 +45,93 @@ def test_where_nothing_helps_beside_the_leader_all_is_tried_beside_the_next(monk
     """A mass with much damping does what two lags do; the second effect only shows beside one of these."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng):
+    def beside(best, model, names, prior, overrides, say, rng, reached=math.inf):
         asked.append((best.effects, list(names)))
         return [Stub((*best.effects, n), 150.0 if n == "series_resistance" else 90.0) for n in names]
 
-    monkeypatch.setattr(search, "beside", beside)
+    monkeypatch.setattr(further, "beside", beside)
     mass = Stub(("inertia",), 102.5)
     singles = [mass, Stub(("sensor_lag",), 100.0), Stub(("parallel_damper",), 99.9), Stub(("leakage",), 20.0)]
     pairs = [Stub(("inertia", "leakage"), 102.4), Stub(("inertia", "sensor_nonlinearity"), 101.0)]
     given = ([*singles, *pairs], None, NAMES, None, {}, None, np.random.default_rng(0))
-    out = search.in_place_of_the_first(mass, pairs, *given)
+    out = further.in_place_of_the_first(mass, pairs, *given)
     assert asked == [(("sensor_lag",), NAMES), (("parallel_damper",), ["series_resistance"])]
     assert {"sensor_lag", "parallel_damper"} == {w.effects[0] for w in out if w.log_evidence == 150.0}
+    # the same where no second effect promised anything beside the leader, so that none was fitted
+    asked.clear()
+    out = further.in_place_of_the_first(mass, [], *given)
+    assert asked == [(("sensor_lag",), NAMES), (("parallel_damper",), ["series_resistance"])]
+    assert len(out) == len(NAMES) + 1
     # alone it has no rival to go on from
     asked.clear()
-    assert search.in_place_of_the_first(mass, pairs, [mass, *pairs], *given[1:]) == []
+    assert further.in_place_of_the_first(mass, pairs, [mass, *pairs], *given[1:]) == []
     assert asked == []
+
+
+def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(monkeypatch):
+    """A mass that rings beyond what is sampled does what a lag does, and is dear beside anything else."""
+    asked = []
+
+    def beside(best, model, names, prior, overrides, say, rng, adequate):
+        asked.append(best.effects)
+        left = {"sensor_lag": lag_leaves, "inertia": 0.0}[best.effects[0]]
+        return [Stub((*best.effects, "leakage"), 300.0 - left, left), Stub((*best.effects, "sensor_drift"), 1.0, 400.0)]
+
+    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    lag_leaves = 0.0
+
+    def begun(mass, *others, thoughts=None):
+        asked.clear()
+        start, found = further.beside_the_leader(
+            mass, [mass, *others], None, NAMES, None, {}, None, None, lambda fit: fit < 10.0, thoughts)
+        return start.effects[0], list(asked), [w.effects for w in found]
+
+    mass, lag = Stub(("inertia",), 100.0, 400.0), Stub(("sensor_lag",), 10.0, 490.0)  # 90 nats of the 400 that are left
+    of_lag = [("sensor_lag", "leakage"), ("sensor_lag", "sensor_drift")]
+    of_mass = [("inertia", "leakage"), ("inertia", "sensor_drift")]
+    damper, pair = Stub(("parallel_damper",), 5.0, 495.0), Stub(("sensor_lag", "leakage"), 99.0, 1.0)
+    assert begun(mass, lag, damper, pair) == ("sensor_lag", [("sensor_lag",)], of_lag)
+    # what leaves something beside the lag as well may be a mass after all
+    lag_leaves = 50.0
+    assert begun(mass, lag) == ("inertia", [("sensor_lag",), ("inertia",)], of_lag + of_mass)
+    # one that is behind by more than a quarter of what is left, or was never fitted, takes nobody's place
+    alone = ("inertia", [("inertia",)], of_mass)
+    assert begun(mass, Stub(("sensor_lag",), -10.0, 510.0)) == alone
+    assert begun(mass, Stub(("sensor_lag",), 99.0, 401.0, refitted=False)) == alone
+    assert begun(mass, Stub(("amplitude_softening",), 99.0, 401.0)) == alone
+    assert begun(Stub(("sensor_lag",), 100.0, 400.0), mass) == ("sensor_lag", [("sensor_lag",)], of_lag)
+
+
+def test_a_mode_that_stands_in_beside_what_is_quick_is_looked_behind_before_what_is_dear(monkeypatch):
+    asked, thought_of = [], []
+
+    def beside(best, model, names, prior, overrides, say, rng, adequate):
+        asked.append(best.effects)
+        on_grid = Stub((*best.effects, "fractional_relaxation"), 900.0, 0.0, refitted=False)
+        return [Stub((*best.effects, "extra_relaxation_mode"), 200.0, 300.0), on_grid]
+
+    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    softening, zone = Stub(("amplitude_softening",), 100.0, 400.0), Stub(("supply_dead_zone",), 10.0, 490.0)
+
+    def begun(behind):
+        def thoughts(w):
+            thought_of.append(w.effects)
+            return behind
+
+        asked.clear()
+        thought_of.clear()
+        return further.beside_the_leader(
+            softening, [softening, zone], None, NAMES, None, {}, None, None, lambda fit: fit < 10.0, thoughts)
+
+    pair = Stub(("supply_dead_zone", "leakage"), 490.0, 5.0)
+    start, found = begun(pair)
+    assert start is zone
+    assert found[-1] is pair
+    assert asked == [zone.effects]
+    assert thought_of == [("supply_dead_zone", "extra_relaxation_mode")]
+    start, found = begun(Stub(("supply_dead_zone", "series_resistance"), 400.0, 90.0))
+    assert start is softening
+    assert asked == [zone.effects, softening.effects]
+    assert len(found) == 5

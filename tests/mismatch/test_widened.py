@@ -2,7 +2,7 @@
 
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import search
+from bayes_dea.mismatch import further
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
@@ -22,12 +22,12 @@ def test_a_leak_is_found_where_a_resistance_did_its_work():
     prior, model = noise_prior(result.assembled), base.problem.model
     given = effect_priors(["series_resistance", "leakage"], campaign)
     narrow = within(known["leakage"], base, extended(model, ["series_resistance"], given), prior)
-    found = search.widened(narrow, base, model, ["series_resistance", "leakage"], prior, given, quiet)
+    found = further.widened(narrow, base, model, ["series_resistance", "leakage"], prior, given, quiet)
     best = max(found, key=lambda w: w.log_evidence)
     assert best.effects == ("leakage",)
     assert best.log_evidence > narrow.log_evidence + 100
     assert abs(best.log_evidence - known["leakage"].log_evidence) < 5
     assert best.size_m > 1e-6
     # where it is no candidate, or is there already, nothing is looked for
-    assert search.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
-    assert search.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []
+    assert further.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
+    assert further.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []

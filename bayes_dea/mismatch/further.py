@@ -1,0 +1,271 @@
+"""Effects beside others: where one is not enough, or seems to be so because something stands in for a second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..models.effects import registered_effects
+from ..models.model import Model
+from .frame import Frame
+from .grid import Screened, screen
+from .hypotheses import extended, law_of, laws_of_effect
+from .noise_prior import NoisePrior
+from .refit import Fit
+from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
+from .search import DEAR, FOUND, LEAST_GAIN, RIVALS, Report, of_laws, refined, stripped
+from .size import effect_size
+from .weigh import Weighed, excess, refine
+
+#: nats that it has to promise for a second effect beside one that leaves nothing to be seen
+HIDDEN = 8.0
+#: nats behind the leading one within which a single effect may be the first of a pair in its place, and how many
+_ALIKE, _PARTNERS = 30.0, 3
+#: the same as a share of the misfit that is left, for one that takes the place of what is dear to simulate
+_BESIDE = 0.25
+#: share of what a grid promises for an effect from which on another is tried in its place, and how many are
+_PROMISING, _IN_PLACE = 0.4, 5
+#: the damping of a mass and a damper in parallel are one and the same number
+SAME = {"inertia", "parallel_damper"}
+#: effects that are another one at an end of their parameters: a leak acts through the resistance before it
+CONTAINS = {"leakage": "series_resistance"}
+
+
+def together(effects: Sequence[str], name: str) -> tuple[str, ...]:
+    """Effects and one more, in the order of the chain."""
+    return tuple(sorted((*effects, name), key=list(registered_effects()).index))
+
+
+def names_beside(w: Weighed, names: Sequence[str]) -> list[str]:
+    """What may be added to a hypothesis."""
+    return [n for n in names if n not in w.effects and not any({n, e} == SAME for e in w.effects)]
+
+
+def beside_these(
+    frame: Frame, effects: Sequence[str], name: str, model: Model, overrides: Mapping[str, object], sparse: bool = True
+) -> list[Screened]:
+    """An effect beside others on its grid, by each of its laws that has an answer."""
+    both = together(effects, name)
+    models = [extended(model, both, {**overrides, **law}) for law in laws_of_effect(name)]
+    found = [screen([frame], m, both, sparse=sparse) for m in models if m is not None]
+    return [s for s in found if s is not None]
+
+
+def beside(
+    best: Weighed, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object], say: Report,
+    rng: np.random.Generator, adequate: Callable[[Fit], bool] | None = None, least: float = LEAST_GAIN,
+    reached: float = math.inf,
+) -> list[Weighed]:
+    """Every further effect beside the ones found; none where the grid promises less than `least` nats for any.
+
+    reached: the value (see `Weighed`) of the best that is known already.
+    """
+    frame = Frame(best.fit)
+    found = []
+    rest = names_beside(best, names)
+    overrides = {**overrides, **law_of(best)}
+    for k, name in enumerate(rest):
+        say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
+        found += beside_these(frame, best.effects, name, model, overrides)
+    if max((s.promise for s in found), default=0.0) < least:
+        return []
+    left = excess(best.fit, prior)
+    weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached)
+    return list((weighed or {}).values())
+
+
+def widened(
+    pair: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
+    say: Report,
+) -> list[Weighed]:
+    """A hypothesis with an effect that contains one of its own in its place, looked for from where it stands."""
+    out = []
+    for wide, narrow in CONTAINS.items():
+        if narrow not in pair.effects or wide in pair.effects or wide not in names:
+            continue
+        others = [n for n in pair.effects if n != narrow]
+        bare = extended(model, others, overrides) if others else model
+        plain = stripped(pair.fit, bare, prior) if bare is not None else None
+        if plain is None:
+            continue
+        say("leaving one out", 0, 1, "+".join(together(others, wide)))
+        screened = beside_these(Frame(plain), others, wide, model, overrides, sparse=False)
+        for s in screened:
+            w = refine(plain, s, prior, 2)
+            if w is not None:
+                # the grid around a place that is not its own maximum says little of the evidence
+                w = of_laws(replace(w, log_evidence=w.fit.log_evidence), screened)
+                out.append(replace(w, log_evidence_se=0.1, size_m=effect_size(base, w.fit)))
+    return out
+
+
+def beside_the_second(
+    pair: Weighed, alone: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior,
+    overrides: Mapping[str, object], say: Report,
+) -> list[Weighed]:
+    """Pairs of the effect that was found second with another than the one found first.
+
+    What leads alone does some of the second one's work, too; beside that one another may do better.
+    alone: the second effect of `pair`, fitted without the first.
+    """
+    frame = Frame(alone.fit)
+    overrides = {**overrides, **law_of(alone)}
+    found = [
+        s for name in names_beside(alone, names) for s in beside_these(frame, alone.effects, name, model, overrides)
+    ]
+    # what the grid promises is compared with what it promises for the one that was found, not with what that reached
+    least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)
+    likely = [s for s in sorted(found, key=lambda s: -s.gain) if s.effects != pair.effects and s.gain > max(least, 1.0)]
+    out = []
+    for k, s in enumerate(likely[:_IN_PLACE]):
+        say("weighing pairs", k, len(likely), "+".join(s.effects))
+        w = refine(alone.fit, s, prior, 1, pair.value)
+        if w is not None:
+            out.append(replace(of_laws(w, found), size_m=effect_size(base, w.fit)))
+    return out
+
+
+def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
+    """An explanation with the mode idle that stands in for something else, which can then be looked for beside it.
+
+    None where there is no such mode, or a further one is among its effects (`second_thoughts` looks there).
+    """
+    idle = with_stand_in_idle(w, prior) if FURTHER not in w.effects else None
+    return None if idle is None else replace(w, fit=idle, log_evidence=idle.log_evidence)
+
+
+def beside_the_leader(
+    first: Weighed, weighed: Sequence[Weighed], model: Model, names: list[str], prior: NoisePrior,
+    overrides: Mapping[str, object], say: Report, rng: np.random.Generator, adequate: Callable[[Fit], bool],
+    thoughts: Callable[[Weighed], Weighed],
+) -> tuple[Weighed, list[Weighed]]:
+    """What leads alone or stands for it, and every further effect beside that.
+
+    Where two effects are hidden, what is dear to simulate may lead by doing a little of the other one's work, too: a
+    mass that rings beyond what is sampled is a damper and a lag. One that is quick and explains nearly as much, by what
+    both leave, is tried first; what is dear has to be tried with everything only where that leaves something.
+    thoughts: see `second_thoughts`.
+    """
+    quick = _quick_one(first, weighed, prior)
+    found = beside(quick, model, names, prior, overrides, say, rng, adequate)
+    if quick is first:
+        return first, found
+    # what only a grid has weighed has no fit of its own to be judged by
+    top = max((w for w in found if w.refitted), key=lambda w: w.log_evidence, default=quick)
+    if FURTHER in top.effects and not adequate(top.fit):
+        # a mode of the base may stand in for what is hidden
+        top = thoughts(top)
+        found.append(top)
+    if adequate(top.fit):
+        return quick, found
+    return first, found + beside(first, model, names, prior, overrides, say, rng, adequate)
+
+
+def _quick_one(first: Weighed, weighed: Sequence[Weighed], prior: NoisePrior) -> Weighed:
+    """The best single effect, quick to simulate, that explains nearly what a dear one does; `first` without one."""
+    if len(first.effects) != 1 or first.effects[0] not in DEAR:
+        return first
+    behind = max(_ALIKE, _BESIDE * excess(first.fit, prior))
+    alike = [
+        w for w in weighed
+        if len(w.effects) == 1 and w.effects[0] not in DEAR and w.refitted
+        and w.log_evidence > first.log_evidence - behind
+    ]
+    return max(alike, key=lambda w: w.log_evidence, default=first)
+
+
+def in_place_of_the_first(
+    first: Weighed, pairs: list[Weighed], weighed: list[Weighed], model: Model, names: list[str], prior: NoisePrior,
+    overrides: Mapping[str, object], say: Report, rng: np.random.Generator, free: bool = False,
+) -> list[Weighed]:
+    """Pairs whose first effect is one that alone did as well as `first`, beside what does best beside that.
+
+    Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
+    without its rivals. Where nothing helps beside the leading one (a mass with much damping does what two lags do), all
+    that may be is tried beside the next. pairs: `first` with each second effect; weighed: all that were weighed, single
+    ones among them; free: whether modes that stand in for a second effect are set free for it.
+    """
+    alike = [
+        w for w in weighed
+        if len(w.effects) == 1 and w.effects != first.effects and w.refitted
+        and w.log_evidence > first.log_evidence - _ALIKE
+    ]
+    alike = sorted(alike, key=lambda w: -w.log_evidence)[:_PARTNERS]
+    out: list[Weighed] = []
+    helped = max((w.log_evidence for w in pairs), default=-math.inf) >= first.log_evidence + FOUND
+    if not free and alike and not helped:
+        first = alike.pop(0)
+        pairs = beside(first, model, names, prior, overrides, say, rng)
+        out += pairs
+    top = max((w.log_evidence for w in pairs), default=0.0)
+    seconds = [
+        next(n for n in w.effects if n not in first.effects)
+        for w in sorted(pairs, key=lambda w: -w.log_evidence)[:_PARTNERS]
+        if w.log_evidence > top - RIVALS
+    ]
+    reached = min((w.value for w in pairs), default=math.inf)
+    for other in alike:
+        rest = [n for n in seconds if n not in other.effects]
+        start = freed(other, prior) if free else None
+        if start is None:
+            out += beside(other, model, rest, prior, overrides, say, rng, reached=reached)
+        else:
+            found = beside(start, model, rest, prior, overrides, say, rng, reached=reached)
+            out += [replace(t, size_m=effect_size(other.fit, t.fit)) for t in found if t.fit is not start.fit]
+    return out
+
+
+def second_thoughts(
+    w: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
+    say: Report, rng: np.random.Generator,
+) -> list[Weighed]:
+    """Rivals that are looked for from where an explanation stands.
+
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two the
+    one found second gets another beside it. An effect that contains another is put back to that one. A mode of the base
+    may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far faster
+    than the sampling is a damper), and then that effect is looked for in its place. Of three one may do what is left
+    of an effect that contains another one of them, and then that effect is looked for in place of both.
+    """
+    out: list[Weighed] = []
+    laws = {**overrides, **law_of(w)}
+    simpler_ones = [[n for n in w.effects if n != dropped] for dropped in w.effects] if len(w.effects) > 1 else []
+    simpler_ones += [
+        [n for n in w.effects if n != wide] + [narrow]
+        for wide, narrow in CONTAINS.items()
+        if wide in w.effects and narrow not in w.effects and narrow in names
+    ]
+    steps = len(simpler_ones) + 2
+    for k, effects in enumerate(simpler_ones):
+        say("leaving one out", k, steps, "+".join(effects))
+        m = extended(model, effects, laws)
+        alone = within(w, base, m, prior) if m is not None else None
+        if alone is None:
+            continue
+        out.append(alone)
+    if len(w.effects) > 2:
+        out += [t for pair in list(out) for t in widened(pair, base, model, names, prior, laws, say)]
+    if len(w.effects) == 2 and len(out) > 1:
+        second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
+        out += beside_the_second(w, second, base, model, names, prior, overrides, say)
+    others = [n for n in w.effects if n != FURTHER]
+    if len(others) == len(w.effects):
+        return out
+    m = extended(model, others, laws) if others else model
+    if m is None:
+        return out
+    say("leaving one out", steps - 2, steps, "+".join(others))
+    simpler = in_place_of_one(w, base, m, prior)
+    say("leaving one out", steps - 1, steps, "+".join(others))
+    if simpler is not None and simpler.effects:
+        out.append(simpler)
+    without = without_stand_in(w, m, prior)
+    if without is not None:
+        start = Weighed(tuple(others), without, without.log_evidence, 0.1, 0.0)
+        found = beside(start, model, [n for n in names if n != FURTHER], prior, overrides, say, rng)
+        compared = simpler.fit if simpler is not None else base
+        out += [replace(t, size_m=effect_size(compared, t.fit)) for t in found if t.fit is not without]
+    return out

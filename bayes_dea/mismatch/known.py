@@ -1,0 +1,85 @@
+"""What has been weighed so far: which of it counts as physics, and with what prior odds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from .reduced import Piece
+from .refit import Fit
+from .size import size_elsewhere
+from .weigh import Weighed
+
+#: nats by which a fit from elsewhere has to beat the one that was weighed
+_CLEARLY = 10.0
+
+
+@dataclass(frozen=True)
+class Known:
+    """Hypotheses by name.
+
+    none: the base alone; singles: number of effects that may be added to it; elsewhere: displacements that were not
+    fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most.
+    """
+
+    none: Weighed
+    resolution_m: float
+    odds: Mapping[str, float]
+    singles: int
+    elsewhere: Sequence[Piece] = ()
+    weighed: dict[str, Weighed] = field(default_factory=dict)
+    _sizes: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
+
+    def take(self, found: Iterable[Weighed]) -> None:
+        """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
+        for w in found:
+            before = self.weighed.get(w.name)
+            if before is None or w.log_evidence > before.log_evidence - _CLEARLY:
+                self.weighed[w.name] = w
+
+    def take_from_elsewhere(self, found: Sequence[Weighed]) -> list[Weighed]:
+        """Add those that are clearly better than what is known, and return them.
+
+        Theirs are Laplace's evidences, which overstate along ridges.
+        """
+        for w in found:
+            if w.name not in self.weighed or w.log_evidence > self.weighed[w.name].log_evidence + _CLEARLY:
+                self.weighed[w.name] = w
+        return [w for w in found if self.weighed[w.name] is w]
+
+    @property
+    def counting(self) -> list[Weighed]:
+        """Those that change enough to be claimed as physics."""
+        return [w for w in self.weighed.values() if self.enough(w)]
+
+    def enough(self, w: Weighed) -> bool:
+        """Whether it changes as much as the sensor resolves, or explains more than one of its kind that does."""
+        return self._large(w) or any(self._large(v) for v in self.poorer(w))
+
+    def share(self, w: Weighed) -> float:
+        """Prior odds of one hypothesis."""
+        return self.odds["single" if len(w.effects) == 1 else "double"] / self.singles
+
+    def weight(self, w: Weighed) -> float:
+        """Log evidence and log prior."""
+        return w.log_evidence + math.log(self.share(w))
+
+    def poorer(self, w: Weighed) -> list[Weighed]:
+        """Refitted hypotheses of as many effects that explain less, but clearly more than those of fewer do."""
+        count = len(w.effects)
+        if w.fit is self.none.fit or count == 0:
+            return []
+        others = self.weighed.values()
+        fewer = [v.log_evidence for v in others if len(v.effects) == count - 1] if count > 1 else []
+        least = max(fewer, default=self.none.log_evidence) + 3.0
+        alike = [v for v in others if len(v.effects) == count and v.fit is not self.none.fit and v is not w]
+        return [v for v in alike if least < v.log_evidence <= w.log_evidence]
+
+    def _large(self, w: Weighed) -> bool:
+        if w.size_m >= self.resolution_m or w.fit is self.none.fit or not self.elsewhere:
+            return w.size_m >= self.resolution_m
+        known = self._sizes.get(id(w.fit))  # simulated once for each fit, which stays with its size
+        if known is None:
+            known = self._sizes[id(w.fit)] = w.fit, size_elsewhere(self.none.fit, w.fit, self.elsewhere)
+        return known[1] >= self.resolution_m

@@ -1,0 +1,76 @@
+"""What has been weighed: what replaces what, what counts, and with what prior odds."""
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from bayes_dea.mismatch.known import Known
+
+
+@dataclass(frozen=True)
+class Stub:
+    effects: tuple[str, ...]
+    log_evidence: float
+    size_m: float = 1e-6
+    fit: object = field(default_factory=object)
+
+    @property
+    def name(self):
+        return "+".join(self.effects)
+
+
+NONE = Stub((), 0.0, 0.0)
+
+
+def known(*weighed):
+    return Known(NONE, 1e-7, {"single": 0.4, "double": 0.1}, 20, (), {w.name: w for w in weighed})
+
+
+def test_a_grid_does_not_replace_what_was_found_from_elsewhere():
+    far = Stub(("leakage", "sensor_lag"), 86088.9)
+    k = known(far)
+    k.take([Stub(far.effects, 83770.1)])  # the same pair, on the grid of another search
+    assert k.weighed[far.name] is far
+    finer = Stub(far.effects, 86080.0)  # drawn along its ridge: Laplace's evidence had been too high
+    k.take([finer, Stub(("inertia",), 5.0)])
+    assert k.weighed[far.name] is finer
+    assert set(k.weighed) == {"leakage+sensor_lag", "inertia"}
+
+
+def test_what_is_found_from_elsewhere_has_to_be_clearly_better():
+    one, other = Stub(("leakage",), 100.0), Stub(("inertia",), 50.0)
+    k = known(one, other)
+    little, much, new = Stub(("leakage",), 109.0), Stub(("inertia",), 61.0), Stub(("sensor_lag",), 1.0)
+    assert k.take_from_elsewhere([little, much, new]) == [much, new]
+    assert k.weighed == {"leakage": one, "inertia": much, "sensor_lag": new}
+
+
+def test_what_moves_less_than_the_sensor_resolves_counts_only_before_one_that_moves_more():
+    small, large = Stub(("leakage",), 100.0, 1e-8), Stub(("inertia",), 90.0, 2e-7)
+    assert known(small).counting == []
+    assert known(small, large).counting == [small, large]
+    better = Stub(("inertia",), 101.0, 2e-7)
+    assert known(small, better).counting == [better]
+
+
+def test_two_effects_share_the_odds_of_two():
+    k = known()
+    assert k.share(Stub(("leakage",), 0.0)) == pytest.approx(0.02)
+    assert k.share(Stub(("inertia", "leakage"), 0.0)) == pytest.approx(0.005)
+    assert k.weight(Stub(("leakage",), 3.0)) == pytest.approx(3.0 + math.log(0.02))
+
+
+def test_a_size_on_recordings_that_were_not_fitted_is_simulated_once_for_each_fit(monkeypatch):
+    asked = []
+
+    def size(_base, fit, _pieces):
+        asked.append(fit)
+        return 2e-7
+
+    monkeypatch.setattr("bayes_dea.mismatch.known.size_elsewhere", size)
+    one, other = Stub(("leakage",), 100.0, 1e-8), Stub(("inertia",), 50.0, 1e-8)
+    k = Known(NONE, 1e-7, {}, 20, ("a piece",), {w.name: w for w in (one, other)})
+    assert k.counting == [one, other]
+    assert k.counting == [one, other]
+    assert asked == [one.fit, other.fit]
