@@ -107,7 +107,10 @@ def test_emulated_and_simulated_density_agree_over_the_posterior(effect):
     # gain and information of the group, which the reports use
     g, h = e.exact.groups[0], e.emulated.groups[0]
     a, b = e.exact.group_terms(q[:20], g), e.emulated.group_terms(q[:20], h)
-    np.testing.assert_allclose(b[:, 1], a[:, 1], atol=0.3 * np.sqrt(a[0, 2]))
+    # as for the density: over the draws; which one lies farthest out differs between machines
+    off = (b[:, 1] - a[:, 1]) / np.sqrt(a[0, 2])
+    assert np.sqrt(np.mean(off**2)) < 0.2
+    assert np.max(np.abs(off)) < 1.0
     np.testing.assert_allclose(b[:, 2:], a[:, 2:], rtol=1e-2)
 
 
