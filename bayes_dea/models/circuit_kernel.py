@@ -1,7 +1,7 @@
 """The dielectric's circuit along one step: charging through a resistance, stored charge, Maxwell stress.
 
-The supply is straight within a step. Compiled into the kernels that call it; Numba keeps their code by the dates of
-their own files: after an edit of this one touch `plant_kernel.py` and `coupled_kernel.py`.
+The supply is straight within a step. Compiled into the kernel that calls it; Numba keeps its code by the date of its
+own file: after an edit of this one touch `plant_kernel.py`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ def straight(z):
 @inline
 def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
     """Volts on the dielectric at the end of a step, their mean, the mean of their square, and d(end)/d(e1); then the
-    course V = l + c exp(-z t/h) that is behind them: z, c, start and rise of the line l. c = 0 where it is straight.
+    course behind them, the part that dies from the start, c exp(-z t/h), beside a line l: z, c, start and rise of l.
+    c = 0 where all is straight.
 
     V' = (V_s - V)/(R C) - V/(R_l C) - V C'/C with the capacitance C0 (1 - e)^-2 (1 + c e) of the middle strain and
     the supply V_s straight from u0 to u1. What charges within the step moves the film at once by `prompt` (1/V^2) times
@@ -59,8 +60,8 @@ def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
     a = math.exp(-x)
     first = second = 0.0
     if prompt > 0.0:
-        l1 = feed * du / x
-        l0 = (feed * u0 - l1) / x
+        l0 = feed * u0 / x
+        l1 = feed * du / x * (1.0 - (1.0 - a) / x)
         c = v0 - l0
         first = 2.0 * prompt * (l0 + 0.5 * l1) * c * (a - 1.0)
         second = prompt * c * c * (a * a - 1.0)
@@ -71,12 +72,15 @@ def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
     p3 = (0.5 - p2) / z
     end = a * v0 + feed * (u0 * p1 + du * p2)
     mean = p1 * v0 + feed * (u0 * p2 + du * p3)
-    # a straight line l0 + l1 t/h and a transient
-    l1 = feed * du / z
-    l0 = (feed * u0 - l1) / z
+    # a straight line and a transient; in a short step both are far larger than what they add up to
+    rise = feed * du / z
+    base = (feed * u0 - rise) / z
+    c = v0 - base
+    square = (base * base + base * rise + rise * rise / 3.0
+              + 2.0 * c * (base * p1 + rise * (p1 - a) / z) + c * c * (1.0 - a * a) / (2.0 * z))
+    # what the supply's slope does is even along the step: l0 to l0 + l1; what is left dies from the start
+    l0, l1 = feed * u0 / z, rise * (1.0 - p1)
     c = v0 - l0
-    square = (l0 * l0 + l0 * l1 + l1 * l1 / 3.0 + 2.0 * c * (l0 * p1 + l1 * (p1 - a) / z)
-              + c * c * (1.0 - a * a) / (2.0 * z))
     dv = -end * p1 * slope
     if prompt > 0.0:
         less = slope * mean * (first * ((1.0 - a) / z - a) / (1.0 - a) + second * p1 / (1.0 + a))

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
 from ..errors import InputError
+from . import material_kernel as mk
 from . import plant_kernel as pk
+from . import plate_kernel as plates
 from .effects import registered_effects
 from .electrostatics import VACUUM_PERMITTIVITY, VOLTAGE_GEOMETRY, stress_factor, stroke_factor
 from .model import Model
@@ -24,7 +26,7 @@ from .static import HOOKE, LAWS, small_strain_modulus
 FRICTION_ELEMENTS = 64
 
 
-#: part of a damper's lag, and angle (rad) of a mass's swing, within which a branch relaxes that passes for a damper
+#: part of a damper's lag within which a branch relaxes that passes for a damper between plates
 _DAMPER = 0.01
 
 
@@ -99,23 +101,10 @@ class Plant:
         return self.process is None and self._is_straight and np.isfinite(self.f_1_Hz)
 
     @property
-    def is_coupled(self) -> bool:
-        """Whether a linear network without a mass is behind a resistance, and the stretch in no stress."""
-        network = self.process is None and self._is_straight_material and not np.isfinite(self.f_1_Hz)
-        return network and self.R_s_ohm > 0.0 and not self._stretches
-
-    @property
     def _is_straight(self) -> bool:
-        return self._is_straight_material and self.R_s_ohm == 0.0 and not self._stretches
-
-    @property
-    def _is_straight_material(self) -> bool:
-        bent = self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share
-        return self.law_id == HOOKE and not bent and self.creep is None
-
-    @property
-    def _stretches(self) -> bool:
-        return self.thickness_feedback or self.c_eps != 0.0
+        bent = self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share or self.creep is not None
+        stretches = self.thickness_feedback or self.c_eps != 0.0
+        return self.law_id == HOOKE and not bent and self.R_s_ohm == 0.0 and not stretches
 
     @property
     def is_smooth(self) -> bool:
@@ -168,53 +157,71 @@ class Plant:
         """The plant in a recording that is planned: no temperature is known of it, and none is expected to change."""
         return replace(self, alpha_T_m_per_K=0.0)
 
-    @cached_property
-    def without_circuit(self) -> Plant:
-        """The material alone, as it is between plates."""
-        return replace(self, R_s_ohm=0.0, R_leak_ohm=np.inf, E_0_V_per_m=0.0, a_q=0.0, chi=0.0, c_eps=0.0,
-                       thickness_feedback=False, factor=0.0, f_1_Hz=np.inf, zeta=0.0)
-
     def __post_init__(self) -> None:
-        if len(self.branches) > pk.BRANCHES or not 0 <= self.friction_elements <= pk.ELEMENTS:
-            raise InputError(f"a plant takes up to {pk.BRANCHES} branches and {pk.ELEMENTS} elements of friction, not "
-                             f"{len(self.branches)} and {self.friction_elements}")
+        if len(self.branches) > plates.BRANCHES or not 0 <= self.friction_elements <= mk.ELEMENTS:
+            raise InputError(f"a plant takes up to {plates.BRANCHES} branches and {mk.ELEMENTS} elements of friction, "
+                             f"not {len(self.branches)} and {self.friction_elements}")
+
+    def _of_material(self, size: int) -> NDArray[np.float64]:
+        """Numbers of the material in an array of `size`; what is behind them is the kernel's."""
+        w = np.zeros(size)
+        for index, value in (
+            (mk.P_LAW, self.law_id), (mk.P_Y, self.Y_Pa), (mk.P_BETA, self.beta), (mk.P_DE, self.dE_Pa),
+            (mk.P_EC, self.e_c), (mk.P_SHARE, self.mullins_share), (mk.P_MM, self.mullins_m_Pa),
+            (mk.P_MB, self.mullins_b), (mk.P_SY, self.sigma_y_Pa), (mk.P_EY, self.eps_y),
+            (mk.P_ELEMENTS, self.friction_elements),
+        ):
+            w[index] = value
+        return w
 
     @cached_property
     def _numbers(self) -> NDArray[np.float64]:
-        mass = self._mass
-        branches, damper = self._beside_the_damper
-        w = np.zeros(pk.SIZE)
+        w = self._of_material(pk.SIZE)
         for index, value in (
-            (pk.P_LAW, self.law_id), (pk.P_Y, self.Y_Pa), (pk.P_BETA, self.beta), (pk.P_DE, self.dE_Pa),
-            (pk.P_EC, self.e_c), (pk.P_SHARE, self.mullins_share), (pk.P_MM, self.mullins_m_Pa),
-            (pk.P_MB, self.mullins_b), (pk.P_SY, self.sigma_y_Pa), (pk.P_EY, self.eps_y),
-            (pk.P_ELEMENTS, self.friction_elements),
-            (pk.P_D0, damper + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)), (pk.P_MASS, mass),
             (pk.P_FACTOR, self.factor), (pk.P_THICK, self.thickness_feedback), (pk.P_CEPS, self.c_eps),
             (pk.P_CHI, self.chi), (pk.P_TAUD, self.tau_d_s), (pk.P_RS, self.R_s_ohm), (pk.P_RL, self.R_leak_ohm),
             (pk.P_C0, self.capacitance_F), (pk.P_EACT, self.E_0_V_per_m), (pk.P_Z0, self.thickness_m),
-            (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s), (pk.P_N, len(branches)),
+            (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s),
         ):
             w[index] = value
+        if np.isfinite(self.f_1_Hz):
+            swinging, times = self.swinging_modes
+            real = times.imag == 0.0
+            c, T = swinging.real[real], times.real[real]
+            for first in np.flatnonzero(times.imag > 0.0):
+                w[pk.P_PAIR] = 1.0
+                w[pk.P_CR], w[pk.P_CI] = swinging[first].real, swinging[first].imag
+                w[pk.P_TR], w[pk.P_TI] = times[first].real, times[first].imag
+        else:
+            w[pk.P_D], c, T = self.modes
+        slow_first = np.argsort(-T)
+        w[pk.P_N] = T.size
+        w[pk.A_C:pk.A_C + T.size], w[pk.A_T:pk.A_T + T.size] = c[slow_first], T[slow_first]
+        return w
+
+    @cached_property
+    def _plate_numbers(self) -> NDArray[np.float64]:
+        branches, damper = self._beside_the_damper
+        w = self._of_material(plates.SIZE)
+        w[plates.P_D0], w[plates.P_N] = damper, len(branches)
         for j, (k, tau) in enumerate(branches):
-            w[pk.A_K + j], w[pk.A_TAU + j] = k, tau
+            w[plates.A_K + j], w[plates.A_TAU + j] = k, tau
         return w
 
     @property
     def _beside_the_damper(self) -> tuple[list[tuple[float, float]], float]:
-        """Branches, and the damper (Pa s) beside them.
+        """Branches, and the damper (Pa s) beside them, between plates.
 
-        A branch that relaxes within a small part of the mass's period, or of the lag of a damper, is a damper itself.
-        As a branch it would be a spring far stiffer than the rest, and every step would take tens of iterations.
+        A branch that relaxes within a small part of the lag of a damper is a damper itself. As a branch it would be a
+        spring far stiffer than the rest, and every step would take tens of iterations.
         """
         left, damper = sorted(self.branches, key=lambda branch: -branch[1]), self.d0_Pa_s
-        if damper == 0.0 and not np.isfinite(self.f_1_Hz):
+        if damper == 0.0:
             return self.branches, 0.0
         while left:
             k, tau = left[-1]
             lag = (damper + k * tau) / (self.Y_Pa + sum(k for k, _ in left[:-1])) if self.Y_Pa > 0.0 else 0.0
-            period = 1.0 / (2 * np.pi * self.f_1_Hz) if np.isfinite(self.f_1_Hz) else lag
-            if not tau < _DAMPER * min(lag, period):
+            if not tau < _DAMPER * lag:
                 break
             left, damper = left[:-1], damper + k * tau
         return left, damper
@@ -222,6 +229,10 @@ class Plant:
     def kernel_numbers(self) -> NDArray[np.float64]:
         """The plant as `plant_kernel` takes it (SIZE,), a fresh copy: a run overwrites the state in it."""
         return self._numbers.copy()
+
+    def plate_numbers(self) -> NDArray[np.float64]:
+        """The material alone, without mass and circuit, as `plate_kernel` takes it (SIZE,), a fresh copy."""
+        return self._plate_numbers.copy()
 
 
 _FIELDS = {f.name for f in fields(Plant)}

@@ -1,82 +1,103 @@
-"""The compiled chain with everything that a model may leave out: supply voltage to strain, strain to stress.
+"""The compiled chain with everything that a model may leave out: supply voltage to strain.
 
-One step goes from node to node. Voltage on the dielectric, stored charges, stress and strain are solved together at
-its end, by Newton's method. What has a memory of its own is integrated with exponentials along the step:
+One step goes from node to node. What is linear, springs, branches, damper and mass, answers in modes, each exactly and
+however quick it is, to a stress that is straight within the step: the Maxwell stress less what the material holds
+against it beyond the linear spring (a curved law, softening, friction). Volts on the dielectric, stored charges, that
+stress and the strain are solved together at the end of the step, by Newton's method. What jumps or charges early within
+a step enters as a jump at its start, placed so that the mean over the step is right; modes that are quick beside the
+step see the charging itself.
 
-* a jump at the start of the step and then a straight line, for stress as for strain. The jump is placed so that the
-  mean over the step is right. For a held command without resistance that is the true course; for a charging curve it
-  is exact in mean and end;
-* branches, polarisation and stored charge answer that course exactly;
-* a damper or a mass is integrated exactly for the secant stiffness of the step (iterated until it is the one of the
-  step), so that stiff and oscillating cases need no smaller steps.
+Nothing is approximate, then, but that what depends on the strain is taken as straight within a step. Its course in the
+middle, which the modes know, tells how wrong that is, and the step is cut where it matters.
 
-A step is cut where branches relax so much within it that the course of their creep is no straight line.
+Equations: force balance and circuit as in the reference paper (Eqs. 1-6, Table SII) with the effects of the catalogue
+of missing physics; the material in `material_kernel`, the circuit in `circuit_kernel`.
 
-Equations: force balance and circuit as in the reference paper (Eqs. 1-6, Table SII) with the effects of the
-catalogue of missing physics; friction after Iwan (10.1115/1.3607751), worked out by Masing's rules (1926) from the
-points of reversal instead of element by element, which is the same; softening after Ogden and Roxburgh
-(10.1098/rspa.1999.0431).
-
-Numba keeps compiled code by the date of this file alone: after an edit of `static.py` or `circuit_kernel.py` touch
-this one.
+Numba keeps compiled code by the date of this file alone: after an edit of one of these or of `static.py` touch it.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from .circuit_kernel import charge, field, inline, leaking, phi1, shorter, stored, straight
-from .static import HOOKE, law_stress_tangent
+from .circuit_kernel import charge, field, inline, leaking, shorter, stored, straight
+from .material_kernel import (
+    BEYOND,
+    P_BETA,
+    P_DE,
+    P_EC,
+    P_EY,
+    P_LAW,
+    P_MB,
+    P_MM,
+    P_SHARE,
+    P_SY,
+    P_Y,
+    X_E,
+    X_F,
+    X_S,
+    X_T,
+    X_TF,
+    X_WM,
+    commit_friction,
+    elastic,
+    friction,
+    rested,
+)
+from .static import HOOKE
 
 _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 
-# Everything is in one array of floats: a call with a dozen arrays costs more than a step of three branches.
-# ---- numbers of a plant
+# ---- numbers of a plant, behind those of the material
 (
-    P_LAW, P_Y, P_BETA, P_DE, P_EC, P_SHARE, P_MM, P_MB,  # elastic part
-    P_SY, P_EY, P_ELEMENTS, P_SCALE,  # friction; the last: mean of the exponential distribution behind the elements
-    P_D0, P_MASS,  # damper with the mass's own one, mass per area and length
     P_FACTOR, P_THICK, P_CEPS, P_CHI, P_TAUD,  # stress
     P_RS, P_RL, P_C0, P_EACT, P_Z0,  # circuit
     P_AQ, P_TAUQ,  # stored charge
-    P_N, P_K,  # number of branches, sum of their stiffness
-    P_CURVED, P_MOVING, P_STRETCHES, P_CHARGES,  # what is needed at all
-) = range(32)
+    P_N, P_D, P_PAIR,  # real modes, strain that follows the stress at once (1/Pa), whether a pair swings
+    P_CR, P_CI, P_TR, P_TI,  # the pair's first: coefficient (1/Pa), time constant (s)
+) = range(BEYOND, BEYOND + 19)
 
 # ---- numbers that go from step to step
 (
-    X_E, X_VEL, X_V, X_VQ, X_P, X_WM,  # strain, its rate, volts on the dielectric, stored charge, polarisation, W_m
-    X_S, X_T, X_F, X_TF,  # elastic stress, its tangent, friction stress, its tangent
-    X_Q,  # sum of the branches
-    X_TOP, X_DIR,  # reversal points on the stack, direction of travel
-    X_FE, X_FF,  # strain and stress of friction at the last step
-    X_H,  # length of step that the coefficients belong to
-    # coefficients of a step: sum k (1 - a), sum k phi_1; memory and weights of the input's start and end
-    X_LOSS, X_LAG, X_PA, X_P0, X_P1, X_QA, X_Q0, X_Q1,
+    X_V, X_VQ, X_P, X_LOAD,  # volts on the dielectric, stored charge, polarisation, stress on the linear network
+    X_ZR, X_ZI,  # state of the pair
+    X_D1, X_D2, X_STEP,  # the last two changes of the strain, and the length of their steps
+    X_H,  # length of step that the coefficients in front belong to
+    X_OTHER,  # the same for those behind
+    X_FRONT,  # which of the two is in front
     X_TRIED,  # steps tried since the state was prepared
-) = range(32, 57)
+) = range(BEYOND + 19, BEYOND + 32)
 
-#: most branches, reversal points and elements of friction
-BRANCHES, STACK, ELEMENTS = 24, 64, 256
-# ---- where the arrays begin: branches k, tau, stress, exp(-x), k phi_1(x); reversal points e, f; elements of friction:
-# yield strains, sums of stiffness x yield strain up to each
+#: most real modes
+MODES = 28
+#: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
+_SUMS = 24
+_TABLE = 5 * MODES + _SUMS
+A_C = BEYOND + 34
+A_T = A_C + MODES
+A_X = A_T + MODES
+A_TABLES = A_X + MODES
+SIZE = A_TABLES + 2 * _TABLE
+# ---- of a table: what stays of modes, weights of the stress's start and end, what stays to the middle, weight of what
+# the stress in the middle is beside its line; then sums
+_KEEP, _W0, _W1, _HALF, _WM = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES
 (
-    A_K, A_TAU, A_Q, A_A, A_G,
-) = range(64, 64 + 5 * BRANCHES, BRANCHES)
-A_ER = 64 + 5 * BRANCHES
-A_FR = A_ER + STACK + 2
-A_Y = A_FR + STACK + 2
-A_SUM = A_Y + ELEMENTS + 1
-# ---- coefficients of another length of step: X_H to X_Q1, exp(-x), k phi_1(x)
-A_OTHER = A_SUM + ELEMENTS + 1
-SIZE = A_OTHER + (X_Q1 - X_H + 1) + 2 * BRANCHES
+    _S0, _S1, _SM, _U0, _U1, _ALL,  # sums of weights, to the end and to the middle; of what a step can do at all
+    _BOW,  # strain (1/Pa) at the end by a parabola that is taken as a line, at most
+    _KR, _KI, _AR, _AI, _BR, _BI, _MR, _MI, _HR, _HI,  # the pair: what stays, weights, what stays to the middle
+    _Q0, _Q1, _Q2, _P0, _P1, _P2,  # stored charge, polarisation
+) = range(5 * MODES, 5 * MODES + 23)
 
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
+_STRAIGHT_TOLERANCE = 1e-5  # the same where only the circuit bends: about a hundredth is left
 _SMALL = 3e-4  # a longer step (strain) is no smooth motion
-_CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
-_COURSE_TOLERANCE = 1e-7  # the same for the course of a mass or a damper, which adds up
+_CIRCUIT_TOLERANCE = 1e-6  # strain error allowed for the current of a motion within a step
+_COURSE_TOLERANCE = 5e-7  # the same for what depends on the strain
+_SMOOTH = 0.2  # part of what a law is beside its line in the middle that a parabola leaves, where it has no corner
+_QUICK = 0.03  # a step of so many time constants of a mode is more to it than a mean and an end
 # share of the voltage by which an activated leak may be linearised beside the middle of a step, and least of it (V)
 _CENTRED, _LITTLE_V = 0.01, 0.1
 _SHORTEST = 5e-4  # part of a step from node to node below which no accuracy is sought any more
@@ -85,187 +106,84 @@ _TRIES_A_STEP = 30
 _MAX_ITERATIONS = 60
 
 
+@inline
+def _lag(z):
+    """A lag after z time constants: what stays of it, weights of a straight input's start and end, and of what the
+    input is in the middle beside that line, if it is a parabola. z may be complex."""
+    if abs(z) < 0.02:
+        m = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0)))
+        second = z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0)))
+        return 1.0 - z * m, z * m - second, second, z * (2.0 / 3.0 - z * (1.0 / 3.0 - z * (0.1 - z / 45.0)))
+    stays = np.exp(-z)
+    m = (1.0 - stays) / z
+    first = m - stays
+    return stays, first, 1.0 - m, 4.0 * (first * (1.0 - 2.0 / z) + stays)
+
+
+@inline
+def _bowed(z, most):
+    """What a lag of z time constants has at its end of a stress t (t - 1), above the line of its mean and end."""
+    return min(z * z / 36.0, most, 2.0 / (3.0 * z) if z > 1.0 else 1.0)
+
+
 @_jit
-def _fill_table(w, h):
+def _fill_table(w, tab, h):
     """Coefficients of a step of length h (s)."""
-    loss, lag = 0.0, 0.0
+    tab[_S0:_HI + 1] = 0.0
     for j in range(int(w[P_N])):
-        k = w[A_K + j]
-        z = h / w[A_TAU + j]
-        m = phi1(z)
-        w[A_A + j] = 1.0 - z * m
-        w[A_G + j] = k * m
-        loss += k * z * m
-        lag += k * m
-    w[X_LOSS], w[X_LAG], w[X_H] = loss, lag, h
-    if w[P_CHI] != 0.0:
-        w[X_PA], w[X_P0], w[X_P1] = straight(h / w[P_TAUD])
+        c = w[A_C + j]
+        stays, first, second, beside = _lag(h / w[A_T + j])
+        half, u0, u1, _ = _lag(0.5 * h / w[A_T + j])
+        tab[_KEEP + j], tab[_W0 + j], tab[_W1 + j], tab[_HALF + j] = stays, c * first, c * second, half
+        tab[_WM + j] = c * beside
+        tab[_SM] += c * beside
+        tab[_S0] += c * first
+        tab[_S1] += c * second
+        tab[_U0] += c * (u0 + 0.5 * u1)
+        tab[_U1] += c * 0.5 * u1
+        tab[_ALL] += abs(c) * (first + second)
+        tab[_BOW] += abs(c) * _bowed(h / w[A_T + j], 0.06)
+    if w[P_PAIR] != 0.0:
+        c, T = complex(2.0 * w[P_CR], 2.0 * w[P_CI]), complex(w[P_TR], w[P_TI])
+        kept, first, second, aside = _lag(h / T)
+        halved, v0, v1, _ = _lag(0.5 * h / T)
+        tab[_KR], tab[_KI], tab[_HR], tab[_HI] = kept.real, kept.imag, halved.real, halved.imag
+        first, second, aside, v0, v1 = c * first, c * second, c * aside, c * v0, c * v1
+        tab[_MR], tab[_MI] = aside.real, aside.imag
+        tab[_SM] += aside.real
+        tab[_AR], tab[_AI], tab[_BR], tab[_BI] = first.real, first.imag, second.real, second.imag
+        tab[_S0] += first.real
+        tab[_S1] += second.real
+        tab[_U0] += v0.real + 0.5 * v1.real
+        tab[_U1] += 0.5 * v1.real
+        tab[_ALL] += abs(first + second)
+        tab[_BOW] += abs(c) * _bowed(abs(h / T), 0.2)
     if w[P_AQ] != 0.0:
-        w[X_QA], w[X_Q0], w[X_Q1] = straight(h / w[P_TAUQ])
+        tab[_Q0], tab[_Q1], tab[_Q2] = straight(h / w[P_TAUQ])
+    if w[P_CHI] != 0.0:
+        tab[_P0], tab[_P1], tab[_P2] = straight(h / w[P_TAUD])
 
 
 @_jit
-def _table(w, h):
-    """Coefficients of a step of length h (s), which two lengths in turn need not work out again."""
-    many = X_Q1 - X_H + 1
-    for i in range(many):
-        w[X_H + i], w[A_OTHER + i] = w[A_OTHER + i], w[X_H + i]
-    for j in range(int(w[P_N])):
-        i = A_OTHER + many + j
-        w[A_A + j], w[i] = w[i], w[A_A + j]
-        w[A_G + j], w[i + BRANCHES] = w[i + BRANCHES], w[A_G + j]
+def _front(w, h):
+    """Where the coefficients of a step of length h (s) begin; two lengths in turn need not be worked out again."""
     if h != w[X_H]:
-        _fill_table(w, h)
+        w[X_H], w[X_OTHER] = w[X_OTHER], w[X_H]
+        w[X_FRONT] = 1.0 - w[X_FRONT]
+        if h != w[X_H]:
+            w[X_H] = h
+            at = A_TABLES + int(w[X_FRONT]) * _TABLE
+            _fill_table(w, w[at:at + _TABLE], h)
+    return A_TABLES + int(w[X_FRONT]) * _TABLE
 
 
 @inline
-def _elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
-    """Elastic stress (Pa), its tangent, and the energy that the softening goes by (0 without softening)."""
-    if law_id == HOOKE:
-        s, t = Y * e, Y
-    else:
-        s, t = law_stress_tangent(law_id, law_p, e)
-    if beta != 0.0:
-        b = beta * Y * e * e
-        s += b * e
-        t += 3.0 * b
-    if dE != 0.0:
-        d = 1.0 / (1.0 + abs(e) / ec)
-        s += dE * e * d
-        t += dE * d * d
-    W = 0.0
-    if share != 0.0:
-        if law_id == HOOKE:
-            W = 0.5 * Y * e * e
-        else:
-            for g in range(3):
-                at = 0.5 if g == 1 else (0.5 - 0.5 * 0.7745966692414834 if g == 0 else 0.5 + 0.5 * 0.7745966692414834)
-                w = 4.0 / 9.0 if g == 1 else 2.5 / 9.0
-                W += w * e * law_stress_tangent(law_id, law_p, at * e)[0]
-        if beta != 0.0:
-            W += 0.25 * beta * Y * e**4
-        if dE != 0.0:
-            r = abs(e) / ec
-            # r - log(1 + r), by its series where it cancels
-            W += dE * ec * ec * (r * r * (0.5 - r / 3.0) if r < 1e-4 else r - math.log1p(r))
-        if Wm > W:
-            room = 1.0 / (mm + mb * Wm)
-            a = (Wm - W) * room
-            soft = 1.0 - share * math.erf(a)
-            t = t * soft + s * s * share * 1.1283791670955126 * math.exp(-a * a) * room
-            s *= soft
-    return s, t, W
-
-
-@inline
-def _backbone(w, x):
-    """Stress and tangent of friction for a first loading to the strain x >= 0.
-
-    n elements: yield strains y_j at the quantiles (j + 1/2)/n of the exponential distribution, equal stiffness; 0
-    stands for infinitely many.
-    """
-    sy, ey, n = w[P_SY], w[P_EY], w[P_ELEMENTS]
-    if n == 0.0:
-        a = math.exp(-x / ey)
-        return sy * (1.0 - a), sy / ey * a
-    yielded = math.ceil(n * (1.0 - math.exp(-x / w[P_SCALE])) - 0.5)
-    # the quantile is a rounded number: one to either side decides
-    if yielded < n and w[A_Y + yielded] < x:
-        yielded += 1
-    elif yielded > 0 and w[A_Y + yielded - 1] >= x:
-        yielded -= 1
-    slope = (n - yielded) * (sy / (ey * n))
-    return w[A_SUM + yielded] + slope * x, slope
-
-
-@inline
-def _friction(w, e):
-    """Friction stress and tangent at strain e, coming straight from the last step; nothing is changed.
-
-    Masing's rules: a branch from a reversal point is the first loading doubled in both axes; it ends where it meets
-    the reversal point before, and goes on along the branch that was left there.
-    """
-    e0, direction, m = w[X_FE], w[X_DIR], int(w[X_TOP])
-    d = 1.0 if e > e0 else (-1.0 if e < e0 else direction)
-    last_e, last_f = e0, w[X_FF]
-    turned = direction != 0.0 and d != direction
-    if turned and m == 0:
-        turned = d * e <= abs(e0)
-    elif turned and d * (e - w[A_ER + m - 1]) > 0.0:
-        # the loop that this turn opens is closed again: on along the curve that it left
-        turned = False
-        m -= 1
-    if not turned:
-        while m >= 2 and d * (e - w[A_ER + m - 2]) > 0.0:
-            m -= 2
-        if m == 0 or (m == 1 and d * e > abs(w[A_ER])):
-            f, t = _backbone(w, abs(e))
-            return (f if e >= 0.0 else -f), t
-        last_e, last_f = w[A_ER + m - 1], w[A_FR + m - 1]
-    f, t = _backbone(w, 0.5 * abs(e - last_e))
-    return last_f + d * 2.0 * f, t
-
-
-@inline
-def _commit_friction(w, e, f):
-    """Make the step to strain e with friction stress f final in the state of friction."""
-    e0 = w[X_FE]
-    if e != e0:
-        direction, m = w[X_DIR], int(w[X_TOP])
-        d = 1.0 if e > e0 else -1.0
-        if direction != 0.0 and d != direction:
-            if m >= STACK:
-                m -= 2  # the innermost loop is forgotten
-            w[A_ER + m], w[A_FR + m] = e0, w[X_FF]
-            m += 1
-        while m >= 2 and d * (e - w[A_ER + m - 2]) > 0.0:
-            m -= 2
-        if m == 1 and d * e > abs(w[A_ER]):
-            m = 0
-        w[X_DIR], w[X_TOP], w[X_FE], w[X_FF] = d, float(m), e, f
-
-
-@inline
-def _damped(c, F0, F1, G, h):
-    """c y' + G y = F0 + F1 t/h from y = 0: its end and its mean over h."""
-    z = G * h / c
-    if abs(z) < 1e-2:
-        p3 = 1.0 / 6.0 - z * (1.0 / 24.0 - z * (1.0 / 120.0 - z / 720.0))
-        p2 = 0.5 - z * p3
-        p1 = 1.0 - z * p2
-    else:
-        p1 = (1.0 - math.exp(-z)) / z
-        p2 = (1.0 - p1) / z
-        p3 = (0.5 - p2) / z
-    return h / c * (F0 * p1 + F1 * p2), h / c * (F0 * p2 + F1 * p3)
-
-
-@inline
-def _swinging(m, c, F0, F1, G, h, v0):
-    """m y'' + c y' + G y = F0 + F1 t/h from y = 0, y' = v0: end, rate at the end, mean over h."""
-    b = F1 / (h * G)
-    a = (F0 - c * b) / G
-    g = 0.5 * c / m
-    square = G / m - g * g
-    v = v0 - b
-    if square > 1e-8 * g * g:
-        om = math.sqrt(square)
-        cos, sin = math.cos(om * h), math.sin(om * h)
-        decay = math.exp(-g * h)
-        side = (v - g * a) / om
-        y = decay * (side * sin - a * cos)
-        rate = decay * ((g * a + om * side) * cos + (om * a - g * side) * sin)
-    else:
-        fast = g + math.sqrt(max(-square, 1e-12 * g * g))
-        slow = G / m / fast
-        c2 = (slow * a - v) / (fast - slow)
-        c1 = -a - c2
-        d1, d2 = math.exp(-slow * h), math.exp(-fast * h)
-        y = c1 * d1 + c2 * d2
-        rate = -slow * c1 * d1 - fast * c2 * d2
-    y += a + b * h
-    rate += b
-    return y, rate, (F0 + 0.5 * F1 - (m * (rate - v0) + c * y) / h) / G
+def _dying(z, keep, x, left):
+    """What a mode of z time constants in a step has at its end of exp(-x t/h), which has `left` left there then."""
+    d = z - x
+    if abs(d) < 1e-3:
+        return left * z * (1.0 - d * (0.5 - d / 6.0))
+    return z * (left - keep) / d
 
 
 @_jit
@@ -274,49 +192,59 @@ def run(w, law_p, h, u0, u1, out):
 
     Goes on from the state in w and leaves it there. nan from where there is no balance of forces.
     """
-    n, law_id = int(w[P_N]), int(w[P_LAW])
+    n, law_id, pair = int(w[P_N]), int(w[P_LAW]), w[P_PAIR] != 0.0
     Y, beta, dE, ec = w[P_Y], w[P_BETA], w[P_DE], w[P_EC]
     share, mm, mb, sy = w[P_SHARE], w[P_MM], w[P_MB], w[P_SY]
-    damp, mass, K = w[P_D0], w[P_MASS], w[P_K]
     factor, thick, c_eps, chi, aq = w[P_FACTOR], w[P_THICK] != 0.0, w[P_CEPS], w[P_CHI], w[P_AQ]
-    rs, c0, active = w[P_RS], w[P_C0], w[P_EACT]
-    curved, moving = w[P_CURVED] != 0.0, w[P_MOVING] != 0.0
-    stretches, stores = w[P_STRETCHES] != 0.0, w[P_CHI] != 0.0 or w[P_AQ] != 0.0
-    k, q, a, g = w[A_K:A_K + n], w[A_Q:A_Q + n], w[A_A:A_A + n], w[A_G:A_G + n]
-    e, vel, V, vq, P, Wm = w[X_E], w[X_VEL], w[X_V], w[X_VQ], w[X_P], w[X_WM]
-    s, t, f, tf, Q = w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q]
+    rs, c0, active, prompt_D = w[P_RS], w[P_C0], w[P_EACT], w[P_D]
+    curved = law_id != HOOKE or beta != 0.0 or dE != 0.0 or share != 0.0 or sy > 0.0
+    stretches, stores = thick or c_eps != 0.0, chi != 0.0 or aq != 0.0
+    bends = curved or stretches
+    currents = rs > 0.0 and pair  # a motion to and fro within a step drives currents that a mean does not know
+    remembers = sy / w[P_EY] if sy > 0.0 else 0.0
+    enough = _TOLERANCE if bends else _STRAIGHT_TOLERANCE
+    smooth = _SMOOTH if sy == 0.0 and share == 0.0 else 1.0
+    c, T, x = w[A_C:A_C + n], w[A_T:A_T + n], w[A_X:A_X + n]
+    z_pair, T_pair = complex(w[X_ZR], w[X_ZI]), complex(w[P_TR], w[P_TI])
+    z_kept = 0.0 * z_pair
+    c_pair = complex(2.0 * w[P_CR], 2.0 * w[P_CI])
+    e, V, vq, P, load, Wm = w[X_E], w[X_V], w[X_VQ], w[X_P], w[X_LOAD], w[X_WM]
+    s, t, f, tf = w[X_S], w[X_T], w[X_F], w[X_TF]
     ph, dph = field(thick, c_eps, e)
-    known, B, KP = w[X_H], w[X_LOSS], w[X_LAG]
-    lag_q, lag_p = w[X_QA:X_QA + 3], w[X_PA:X_PA + 3]
+    new = np.zeros(n)
     rl, lift, curve, middle = w[P_RL], 0.0, 0.0, 0.0
-    D1, D2, step1 = 0.0, 0.0, -1.0
+    D1, D2, step1, length = w[X_D1], w[X_D2], w[X_STEP], -1.0
+    tab = w[A_TABLES:A_TABLES + _TABLE]
+    quick, pair_quick = n, False
     spent, budget = 0, _TRIES_A_STEP * h.size + 20_000
     for i in range(h.size):
         whole, done = h[i], 0.0
-        step, rise = whole, 0.0
+        step = whole
         v_start, v_end = u0[i], u1[i]
-        if moving and whole == 0.0:
-            if rs == 0.0:
-                V = v_end
-            out[i] = e
-            continue
         while True:
             spent += 1
             if spent > budget:  # a chain too stiff to be worth following
                 e = math.nan
                 break
-            if step != known:
-                _table(w, step)
-                known, B, KP = step, w[X_LOSS], w[X_LAG]
+            if step != length:
+                at = _front(w, step)
+                tab, length = w[at:at + _TABLE], step
+                quick = n
+                while quick > 0 and step > _QUICK * T[quick - 1]:
+                    quick -= 1
+                pair_quick = pair and step > _QUICK * abs(T_pair)
             if done > 0.0 or step < whole:
                 rise = (u1[i] - u0[i]) / whole
                 v_start, v_end = u0[i] + rise * done, u0[i] + rise * (done + step)
             kept = 0.0
             for j in range(n):
-                kept += q[j] * a[j]
-            A, Ka = Q - kept, K - B
-            # what a change of V^2 moves at once, and what holds against it
-            prompt = 0.0 if moving else factor * ph / (t + tf + K - factor * V * V * dph)
+                kept += tab[_KEEP + j] * x[j]
+            if pair:
+                z_kept = complex(tab[_KR], tab[_KI]) * z_pair
+                kept += z_kept.real
+            S1 = tab[_S1] + prompt_D
+            # what the material holds against the stress beyond the linear spring
+            held, slope0 = s + f - Y * e, t + tf - Y
             # smooth motion goes on as it did: then the first correction is the last
             D = 2.0 * D1 - D2 if step == step1 else 0.0
             if abs(D) > _SMALL:
@@ -324,140 +252,240 @@ def run(w, law_p, h, u0, u1, out):
             v1, vm, v2, dv = v_end, 0.5 * (v_start + v_end), 0.0, 0.0
             if rs == 0.0:
                 v2 = (v_start * v_start + v_start * v_end + v_end * v_end) * (1.0 / 3.0)
-            vq1, P1, ss, se, dse = vq, P, 0.0, 0.0, 0.0
+            vq1, P1 = vq, P
             good, centred = False, True
-            J, y, change, room, G = 0.0, 0.0, 0.0, 0.0, 0.0
-            s1, t1, f1, tf1, ph1, dph1, W1, vel1 = s, t, f, tf, ph, dph, 0.0, vel
+            ss = se = dse = J = change = p0 = p1 = 0.0
+            transient = zc = l0 = l1 = 0.0
+            # a jump of more than a little is followed up by the law itself
+            at_jump, held_jump, slope_jump, ph_jump, dph_jump = 0.0, held, slope0, ph, dph
+            s1, t1, f1, tf1, ph1, dph1, W1 = s, t, f, tf, ph, dph, 0.0
+            prompt = 0.0
+            if rs > 0.0:
+                prompt = max(factor * ph * S1 / (1.0 + S1 * (slope0 - factor * V * V * dph)), 0.0)
+                vm = V + 0.5 * (v_end - v_start)
+            z_new, slope = z_kept, 0.0
             for it in range(_MAX_ITERATIONS):
                 e1 = e + D
-                if curved and (it > 0 or D != 0.0):
-                    s1, t1, W1 = _elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e1)
+                if bends and (it > 0 or D != 0.0):
+                    if curved:
+                        s1, t1, W1 = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e1)
                     if sy > 0.0:
-                        f1, tf1 = _friction(w, e1)
+                        f1, tf1 = friction(w, e1)
                     if stretches:
                         ph1, dph1 = field(thick, c_eps, e1)
+                if bends and not curved:
+                    s1 = Y * e1
                 if it == 0 or rs > 0.0:
                     if rs > 0.0:
                         if active > 0.0:
-                            middle = vm if it > 0 else V + 0.5 * (v_end - v_start)
+                            middle = vm
                             rl, lift, curve = leaking(w[P_RL], active, w[P_Z0], rs, middle)
-                        v1, vm, v2, dv, _, _, _, _ = charge(rs, rl, c0, c_eps, prompt, step, e, e1, V, v_start + lift,
-                                                            v_end + lift)
+                        v1, vm, v2, dv, zc, transient, l0, l1 = charge(rs, rl, c0, c_eps, prompt, step, e, e1, V,
+                                                                       v_start + lift, v_end + lift)
                         if active > 0.0:
                             centred = abs(vm - middle) <= _CENTRED * abs(vm) + _LITTLE_V
-                    se = factor * v1 * v1
-                    ss = 2.0 * factor * v2 - se
-                    dse = 2.0 * factor * v1 * dv
                     if stores:
-                        vq1, P1, ss, se, dse = stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv, vq,
-                                                        P)
-                if moving:
-                    F0 = ss * ph - s - f - Q
-                    if not curved:
-                        G = K + Y
-                    elif abs(D) > 1e-7:
-                        G = K + ((s1 - s) + (f1 - f) - se * (ph1 - ph)) / D
+                        vq1, P1, ss, se, dse = stored(tab[_Q0:_Q2 + 1], tab[_P0:_P2 + 1], factor, aq, chi, v1, vm, v2,
+                                                      dv, vq, P)
                     else:
-                        G = K + t + tf - se * dph
-                    F1 = (se - ss) * ph + A + B * J + (K - KP) * (D - J)
-                    if mass == 0.0:
-                        new, mean = _damped(damp, F0, F1, G, step)
+                        se = factor * v1 * v1
+                        ss = 2.0 * factor * v2 - se
+                        dse = 2.0 * factor * v1 * dv
+                p0, p1 = ss, se
+                if bends:
+                    # the jump at the start: what is held goes with the strain that follows at once
+                    J = 0.0
+                    if prompt_D > 0.0:
+                        for _ in range(8):
+                            # about where the law was worked out last
+                            bend = prompt_D * (slope_jump - ss * dph_jump)
+                            J = (prompt_D * (ss * ph_jump - held_jump - load) + bend * at_jump) / (1.0 + bend)
+                            if abs(J - at_jump) < _SMALL or not -5.0 < e + J < 0.95:
+                                break
+                            at_jump = J
+                            held_jump, slope_jump = 0.0, 0.0
+                            if curved:
+                                sj, tj, _ = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e + J)
+                                held_jump, slope_jump = sj - Y * (e + J), tj - Y
+                            if sy > 0.0:
+                                fj, tfj = friction(w, e + J)
+                                held_jump += fj
+                                slope_jump += tfj
+                            if stretches:
+                                ph_jump, dph_jump = field(thick, c_eps, e + J)
+                        p0 = load + J / prompt_D
                     else:
-                        new, vel1, mean = _swinging(mass, damp, F0, F1, G, step, vel)
-                    J = 2.0 * mean - new
-                    change = new - D
-                    if it > 12:
-                        change *= 0.5  # a secant that swings to and fro
-                    D += change
-                    y = D - J
-                    good = abs(change) < 2e-9 and centred
+                        p0 = ss * ph - held
+                    p1 = se * ph1 - (s1 + f1 - Y * e1)
+                found = kept + prompt_D * p1
+                a = first = second = line0 = line1 = 0.0
+                if transient != 0.0 and (quick < n or pair_quick):
+                    # the dying part of the charging, and the line beside it
+                    a = math.exp(-zc)
+                    m = (1.0 - a) / zc
+                    level = l0 + l1 * (m - a) / (zc * m) - 0.5 * (vq + vq1)
+                    first = factor * ph * (2.0 * level + 0.5 * (P + P1)) * transient
+                    second = factor * ph * transient * transient
+                    line1 = p1 - first * a - second * a * a
+                    line0 = p0 + p1 - 2.0 * first * m - second * m * (1.0 + a) - line1
+                if a == 0.0:
+                    found += tab[_S0] * p0 + tab[_S1] * p1
                 else:
-                    T = t1 + tf1 - se * dph1 - ph1 * dse
-                    room = 1.0 / (T + KP + B)
-                    y = (A + B * D + (se - ss) * ph1) * room
-                    if not curved:
-                        s1 = Y * e1
-                    change = -(s1 + f1 + kept + Ka * D + (KP - Ka) * y - se * ph1) / (T + Ka + (KP - Ka) * B * room)
-                    if it > 25:
-                        change *= 0.5  # to and fro across a corner of friction or softening
-                    D += change
-                    if not curved or (abs(change) < _TOLERANCE and (it > 0 or change != D) and centred):
-                        good = True
-                        y += B * room * change
-                        W1 += s1 * change
-                        s1 += t1 * change
-                        f1 += tf1 * change
-                        ph1 += dph1 * change
-                        v1 += dv * change
-                if good:
+                    for j in range(n):
+                        if j < quick:
+                            new[j] = tab[_W0 + j] * p0 + tab[_W1 + j] * p1
+                        else:
+                            y, stays = step / T[j], tab[_KEEP + j]
+                            new[j] = (tab[_W0 + j] * line0 + tab[_W1 + j] * line1
+                                      + c[j] * (first * _dying(y, stays, zc, a) + second * _dying(y, stays, 2.0 * zc,
+                                                                                                a * a)))
+                        found += new[j]
+                    if pair:
+                        w0, w1 = complex(tab[_AR], tab[_AI]), complex(tab[_BR], tab[_BI])
+                        if pair_quick:
+                            y_pair, stay_pair = step / T_pair, complex(tab[_KR], tab[_KI])
+                            z_new = w0 * line0 + w1 * line1 + c_pair * (
+                                first * _dying(y_pair, stay_pair, zc + 0j, a + 0j)
+                                + second * _dying(y_pair, stay_pair, 2.0 * zc + 0j, a * a + 0j))
+                        else:
+                            z_new = w0 * p0 + w1 * p1
+                        found += z_new.real
+                slope = ph1 * dse + se * dph1 - (t1 + tf1 - Y) if bends else dse
+                change = (found - e1) / (1.0 - S1 * slope)
+                if it > 25:
+                    change *= 0.5  # to and fro across a corner of friction or softening
+                D += change
+                if (not bends and rs == 0.0) or (abs(change) < enough and (it > 0 or change != D or not bends)
+                                                 and centred):
+                    good = True
+                    p1 += slope * change
+                    W1 += s1 * change
+                    s1 += t1 * change
+                    f1 += tf1 * change
+                    ph1 += dph1 * change
+                    v1 += dv * change
+                    if a != 0.0:
+                        for j in range(n):
+                            new[j] += tab[_W1 + j] * slope * change
+                        if pair:
+                            z_new += complex(tab[_BR], tab[_BI]) * slope * change
                     break
-                if abs(change) > 0.1 and not moving:
+                if abs(change) > 0.1:
                     D += math.copysign(0.1, change) - change
                 if not -5.0 < e + D < 0.95:
                     break
-            grow = 2.0
-            if moving and step > (_SHORTEST if good else 1e-6) * whole:
-                # along the step the law was its chord, and the branches saw its mean course
-                bend = 2.0 * abs(K + t1 + tf1 - se * dph1 - G) * (abs(D) + abs(J)) + B * abs(J)
-                if mass > 0.0 and vel * vel1 < 0.0 and (sy > 0.0 or share > 0.0):
-                    # a turn within the step, which friction and softening remember
-                    bend += step * min(abs(vel), abs(vel1)) * (t1 + tf1 + K)
-                if rs > 0.0 or v_start != v_end:
-                    # the same for the stress of a charging dielectric, where the mass or the damper is quick enough
-                    swift = step * step * (t1 + K) / mass if mass > 0.0 else step * (t1 + K) / damp
-                    x = (V if rs > 0.0 else v_start) - vq
-                    bend += 0.3 * abs(ss - factor * (x + P) * x) * min(1.0, 0.25 * swift)
-                    if rs > 0.0:
-                        bend += 4.0 * abs(se * J)
-                if not good or 0.1 * bend > _COURSE_TOLERANCE * (t1 + K):
-                    step *= 0.5
-                    continue
-                if 0.3 * bend > _COURSE_TOLERANCE * (t1 + K):
-                    grow = 1.0
             if not good or math.isnan(D):
                 e = math.nan
                 break
+            grow = 2.0
+            aside, pushed = 0.0, 0.0
+            if (bends or currents) and step > _SHORTEST * whole:
+                # the middle as the modes know it, and the straight line that the law was taken along
+                mid = 0.5 * prompt_D * (p0 + p1) + tab[_U0] * p0 + tab[_U1] * p1
+                for j in range(n):
+                    mid += tab[_HALF + j] * x[j]
+                y = D - J
+                ring = 0.0
+                if pair:
+                    mid += (complex(tab[_HR], tab[_HI]) * z_pair).real
+                    if step > abs(T_pair):
+                        # what swings to and fro within the step may be in the middle just where it began
+                        ring = abs(z_pair - c_pair * (p0 - T_pair * (p1 - p0) / step))
+                beside = mid - e - 0.5 * (D + J)
+                off = abs(beside) + ring
+                slope1 = t1 + tf1 - Y - se * dph1
+                first_slope = slope0 - ss * dph
+                wrong = off * max(abs(first_slope), abs(slope1)) + 0.125 * abs((slope1 - first_slope) * y)
+                # volts that a motion beside the line moves, and the stress that they are
+                moves = 4.0 * se * c0 * rs / (c0 * rs + step) if currents else 0.0
+                turned = moves * ring
+                if (sy > 0.0 or share > 0.0) and 4.0 * off > abs(y):
+                    # a turn within the step, which friction and softening remember
+                    turned += 3.0 * (remembers + share * t1) * (4.0 * off - abs(y)) ** 2 / (16.0 * off)
+                worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
+                if worst > 0.02 * _COURSE_TOLERANCE:
+                    # the law in the middle
+                    holds = 0.0
+                    if curved:
+                        holds, _, _ = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, mid)
+                        holds -= Y * mid
+                    if sy > 0.0:
+                        fm, _ = friction(w, mid)
+                        holds += fm
+                    if stretches:
+                        phm, _ = field(thick, c_eps, mid)
+                        holds -= 0.5 * (ss + se) * (phm - ph)
+                    aside = 0.5 * ((ss + se) * ph - p0 - p1) - holds
+                    wrong = smooth * abs(aside) + ring * max(abs(first_slope), abs(slope1))
+                    aside -= moves * beside
+                    worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
+                    if worst > _COURSE_TOLERANCE:
+                        step *= shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0)
+                        continue
+                    if 8.0 * worst > _COURSE_TOLERANCE:
+                        grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
+            if a == 0.0 and v_start != v_end and step > _SHORTEST * whole:
+                # the square of a straight voltage, where modes are quick enough to see that it is no line
+                volts = (V if rs > 0.0 else v_start) - vq
+                wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[_BOW]
+                if wrong > _CIRCUIT_TOLERANCE:
+                    step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.25)
+                    continue
+                if 4.0 * wrong > _CIRCUIT_TOLERANCE:
+                    grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** 0.25)
             if rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
                 # a motional current that comes early in the step and is over at its end
-                x = step / (rs * c0)
-                wrong = 2.0 * abs(D * (e + D)) * x * x / (1.0 + x * x * x)
+                feed = step / (rs * c0)
+                wrong = 2.0 * abs(D * (e + D)) * feed * feed / (1.0 + feed * feed * feed)
                 # to first order it is known, at an even voltage
                 wrong *= min(1.0, 4.0 * abs(v1 - V) / max(abs(v1), abs(V)) + 4.0 * abs(D))
-                if wrong > _CREEP_TOLERANCE:
+                if wrong > _CIRCUIT_TOLERANCE:
                     # a step of several time constants says nothing about one within the first
-                    step = min(0.5 * step, rs * c0) if x > 1.0 else step * shorter(_CREEP_TOLERANCE / wrong, 1.0 / 3.0)
+                    third = 1.0 / 3.0
+                    step = (min(0.5 * step, rs * c0) if feed > 1.0
+                            else step * shorter(_CIRCUIT_TOLERANCE / wrong, third))
                     continue
-                if 8.0 * wrong > _CREEP_TOLERANCE:
-                    grow = min(grow, 0.9 * (_CREEP_TOLERANCE / wrong) ** (1.0 / 3.0))
+                if 8.0 * wrong > _CIRCUIT_TOLERANCE:
+                    grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** (1.0 / 3.0))
             if active > 0.0 and step > 1e-6 * whole:
                 # the tangent at the middle, and the current bent beside it
                 far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
                 wrong = 0.1 * abs(e + D) * rs / (rs + rl) * curve * far * far * min(1.0, step / (rs * c0))
-                if wrong > _CREEP_TOLERANCE:
-                    step *= shorter(_CREEP_TOLERANCE / wrong, 0.5)
+                if wrong > _CIRCUIT_TOLERANCE:
+                    step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.5)
                     continue
-                if 4.0 * wrong > _CREEP_TOLERANCE:
-                    grow = min(grow, 0.9 * math.sqrt(_CREEP_TOLERANCE / wrong))
-            if n > 0 and 0.003 * (t1 + K) < B and step > 1e-6 * whole:
-                creep = abs(A + B * (D - y)) / (t1 + K + B)
-                wrong = 0.1 * creep * B / (t1 + K)
-                if wrong > _CREEP_TOLERANCE:
-                    step *= shorter(_CREEP_TOLERANCE / wrong, 0.5)
-                    continue
-                if 4.0 * wrong > _CREEP_TOLERANCE:
-                    grow = min(grow, 0.9 * math.sqrt(_CREEP_TOLERANCE / wrong))
-            J = D - y
-            Q = 0.0
-            for j in range(n):
-                new_q = (q[j] + k[j] * J) * a[j] + g[j] * y
-                q[j] = new_q
-                Q += new_q
+                if 4.0 * wrong > _CIRCUIT_TOLERANCE:
+                    grow = min(grow, 0.9 * math.sqrt(_CIRCUIT_TOLERANCE / wrong))
+            if aside != 0.0:
+                # what is held in the middle beside the line, as a parabola
+                pushed = tab[_SM] * aside / (1.0 - S1 * slope)
+                D += pushed
+                p1 += slope * pushed
+                W1 += s1 * pushed
+                s1 += t1 * pushed
+                f1 += tf1 * pushed
+                ph1 += dph1 * pushed
+                v1 += dv * pushed
+            if a == 0.0:
+                for j in range(n):
+                    x[j] = (tab[_KEEP + j] * x[j] + tab[_W0 + j] * p0 + tab[_W1 + j] * p1
+                            + tab[_WM + j] * aside)
+                if pair:
+                    z_pair = z_kept + complex(tab[_AR], tab[_AI]) * p0 + complex(tab[_BR], tab[_BI]) * p1
+            else:
+                for j in range(n):
+                    x[j] = (tab[_KEEP + j] * x[j] + new[j] + tab[_W1 + j] * slope * pushed
+                            + tab[_WM + j] * aside)
+                if pair:
+                    z_pair = z_kept + z_new + complex(tab[_BR], tab[_BI]) * slope * pushed
+            if pair:
+                z_pair += complex(tab[_MR], tab[_MI]) * aside
             e += D
             if sy > 0.0:
-                _commit_friction(w, e, f1)
+                commit_friction(w, e, f1)
             if not curved:
                 s1 = Y * e
-            s, t, f, tf, ph, dph, vel, V, vq, P = s1, t1, f1, tf1, ph1, dph1, vel1, v1, vq1, P1
+            s, t, f, tf, ph, dph, V, vq, P, load = s1, t1, f1, tf1, ph1, dph1, v1, vq1, P1, p1
             Wm = max(Wm, W1)
             D2, D1, step1 = D1 if step == step1 else D, D, step
             done += step
@@ -468,38 +496,20 @@ def run(w, law_p, h, u0, u1, out):
         if math.isnan(e):
             out[i:] = math.nan
             break
-    w[X_E], w[X_VEL], w[X_V], w[X_VQ], w[X_P], w[X_WM] = e, vel, V, vq, P, Wm
-    w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q] = s, t, f, tf, Q
+    w[X_E], w[X_V], w[X_VQ], w[X_P], w[X_LOAD], w[X_WM] = e, V, vq, P, load, Wm
+    w[X_S], w[X_T], w[X_F], w[X_TF] = s, t, f, tf
+    w[X_ZR], w[X_ZI] = z_pair.real, z_pair.imag
+    w[X_D1], w[X_D2], w[X_STEP] = D1, D2, step1
     w[X_TRIED] += spent
 
 
 @_jit
 def prepare(w, law_p):
     """Fill in what follows from the numbers of a plant, and the state of a rested one."""
-    w[P_K] = 0.0
-    for j in range(int(w[P_N])):
-        w[P_K] += w[A_K + j]
-        w[A_Q + j] = 0.0
-    w[X_E:X_TRIED + 1] = 0.0
-    w[X_H] = w[A_OTHER] = -1.0
-    w[X_S], w[X_T], _ = _elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], 0.0, 1.0, 0.0, 0.0, 0.0)
-    n = int(w[P_ELEMENTS])
-    if w[P_SY] > 0.0:
-        w[X_TF] = w[P_SY] / w[P_EY]
-        mean = 0.0
-        for j in range(n):
-            w[A_Y + j] = -math.log1p(-(j + 0.5) / n)
-            mean += w[A_Y + j] / n
-        if n > 0:
-            w[P_SCALE] = w[P_EY] / mean
-            w[A_SUM] = 0.0
-            for j in range(n):
-                w[A_Y + j] *= w[P_SCALE]
-                w[A_SUM + j + 1] = w[A_SUM + j] + w[P_SY] / (w[P_EY] * n) * w[A_Y + j]
-    w[P_MOVING] = w[P_D0] > 0.0 or w[P_MASS] > 0.0
-    w[P_STRETCHES] = w[P_THICK] != 0.0 or w[P_CEPS] != 0.0
-    w[P_CURVED] = (w[P_LAW] != HOOKE or w[P_BETA] != 0.0 or w[P_DE] != 0.0 or w[P_SHARE] != 0.0 or w[P_SY] > 0.0
-                   or w[P_STRETCHES] != 0.0 or w[P_RS] > 0.0)
+    rested(w, law_p)
+    w[X_V:X_TRIED + 1] = 0.0
+    w[A_X:A_X + MODES] = 0.0
+    w[X_H] = w[X_OTHER] = w[X_STEP] = -1.0
 
 
 @_jit

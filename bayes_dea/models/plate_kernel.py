@@ -1,52 +1,206 @@
 """The compiled material between plates, with everything that a model may leave out: imposed strain to stress.
 
 While the plates touch, the strain is straight from knot to knot and branches follow exactly. Plates do not pull (a
-film does not push): where they would have to, the material goes its own way at zero stress, by `plant_kernel.run`
-without voltage, until the plates meet it again. A loss or a gain of contact is placed where straight lines cross.
+film does not push): where they would have to, the material goes its own way at zero stress until the plates meet it
+again. A loss or a gain of contact is placed where straight lines cross.
 
-Numba keeps compiled code by the date of this file alone: after an edit of `plant_kernel.py` or `static.py` touch it.
+Numba keeps compiled code by the date of this file alone: after an edit of `material_kernel.py` or `static.py` touch it.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
-from .plant_kernel import (
-    A_A,
-    A_G,
-    A_Q,
+from .circuit_kernel import inline, phi1, shorter
+from .material_kernel import (
+    BEYOND,
     P_BETA,
-    P_D0,
     P_DE,
     P_EC,
     P_LAW,
     P_MB,
     P_MM,
-    P_N,
     P_SHARE,
     P_SY,
     P_Y,
     X_E,
     X_F,
-    X_H,
-    X_Q,
     X_S,
     X_T,
     X_TF,
     X_WM,
-    _commit_friction,
-    _elastic,
-    _fill_table,
-    _friction,
-    prepare,
-    run,
+    commit_friction,
+    elastic,
+    friction,
+    rested,
 )
+from .static import HOOKE
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
+# ---- numbers of a plant between plates, behind those of the material: damper, branches, sum of their stiffness; then
+# sum of the branches' stress, length of step that the coefficients belong to, sum k (1 - a), sum k phi_1
+P_D0, P_N, P_K, X_Q, X_H, X_LOSS, X_LAG = range(BEYOND, BEYOND + 7)
+#: most branches
+BRANCHES = 24
+# ---- branches k, tau, stress, exp(-x), k phi_1(x)
+A_K, A_TAU, A_Q, A_A, A_G = range(BEYOND + 8, BEYOND + 8 + 5 * BRANCHES, BRANCHES)
+SIZE = BEYOND + 8 + 5 * BRANCHES
+
+_TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
+_CREEP_TOLERANCE = 1e-6  # strain error allowed for taking the creep within a step as straight
+_COURSE_TOLERANCE = 1e-7  # the same for the course of a damper, which adds up
+_SHORTEST = 5e-4  # part of a step from row to row below which no accuracy is sought any more
+_MOST_STEPS, _MAX_ITERATIONS = 20_000, 60
 #: rows on its own after which a material is followed in steps of one row more, and the longest of these steps
 _SLOWS, _LONGEST = 8, 16
+
+
+@_jit
+def _fill_table(w, h):
+    """Coefficients of a step of length h (s)."""
+    loss, lag = 0.0, 0.0
+    for j in range(int(w[P_N])):
+        k = w[A_K + j]
+        z = h / w[A_TAU + j]
+        m = phi1(z)
+        w[A_A + j] = 1.0 - z * m
+        w[A_G + j] = k * m
+        loss += k * z * m
+        lag += k * m
+    w[X_LOSS], w[X_LAG], w[X_H] = loss, lag, h
+
+
+@inline
+def _damped(c, F0, F1, G, h):
+    """c y' + G y = F0 + F1 t/h from y = 0: its end and its mean over h."""
+    z = G * h / c
+    if abs(z) < 1e-2:
+        p3 = 1.0 / 6.0 - z * (1.0 / 24.0 - z * (1.0 / 120.0 - z / 720.0))
+        p2 = 0.5 - z * p3
+        p1 = 1.0 - z * p2
+    else:
+        p1 = (1.0 - math.exp(-z)) / z
+        p2 = (1.0 - p1) / z
+        p3 = (0.5 - p2) / z
+    return h / c * (F0 * p1 + F1 * p2), h / c * (F0 * p2 + F1 * p3)
+
+
+@_jit
+def _fly(w, law_p, h):
+    """Let the material go its own way at zero stress for h (s): from the state in w, which it leaves there.
+
+    The strain jumps at the start of a step and then goes straight: branches answer that exactly, and a damper is
+    integrated exactly for the secant stiffness of the step. nan where there is no balance of forces.
+    """
+    n, law_id = int(w[P_N]), int(w[P_LAW])
+    Y, beta, dE, ec = w[P_Y], w[P_BETA], w[P_DE], w[P_EC]
+    share, mm, mb, sy = w[P_SHARE], w[P_MM], w[P_MB], w[P_SY]
+    damp, K = w[P_D0], w[P_K]
+    curved = law_id != HOOKE or beta != 0.0 or dE != 0.0 or share != 0.0 or sy > 0.0
+    k, q, a, g = w[A_K:A_K + n], w[A_Q:A_Q + n], w[A_A:A_A + n], w[A_G:A_G + n]
+    e, Wm, s, t, f, tf, Q = w[X_E], w[X_WM], w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q]
+    done, step = 0.0, h
+    for _ in range(_MOST_STEPS):
+        if step != w[X_H]:
+            _fill_table(w, step)
+        B, KP = w[X_LOSS], w[X_LAG]
+        kept = 0.0
+        for j in range(n):
+            kept += q[j] * a[j]
+        A, Ka = Q - kept, K - B
+        good = False
+        D = J = y = change = G = 0.0
+        s1, t1, f1, tf1, W1 = s, t, f, tf, 0.0
+        for it in range(_MAX_ITERATIONS):
+            e1 = e + D
+            if curved and it > 0:
+                s1, t1, W1 = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e1)
+                if sy > 0.0:
+                    f1, tf1 = friction(w, e1)
+            if damp > 0.0:
+                G = K + Y if not curved else K + t + tf
+                if curved and abs(D) > 1e-7:
+                    G = K + ((s1 - s) + (f1 - f)) / D
+                new, mean = _damped(damp, -s - f - Q, A + B * J + (K - KP) * (D - J), G, step)
+                J = 2.0 * mean - new
+                change = new - D
+                if it > 12:
+                    change *= 0.5  # a secant that swings to and fro
+                D += change
+                good = abs(change) < 2e-9
+            else:
+                room = 1.0 / (t1 + tf1 + KP + B)
+                y = (A + B * D) * room
+                if not curved:
+                    s1 = Y * e1
+                change = -(s1 + f1 + kept + Ka * D + (KP - Ka) * y) / (t1 + tf1 + Ka + (KP - Ka) * B * room)
+                if it > 25:
+                    change *= 0.5  # to and fro across a corner of friction or softening
+                D += change
+                if not curved or (abs(change) < _TOLERANCE and it > 0):
+                    good = True
+                    y += B * room * change
+                    W1 += s1 * change
+                    s1 += t1 * change
+                    f1 += tf1 * change
+                if not good and abs(change) > 0.1:
+                    D += math.copysign(0.1, change) - change
+                J = D - y
+            if good or not -5.0 < e + D < 0.95:
+                break
+        grow = 2.0
+        if damp > 0.0 and step > (_SHORTEST if good else 1e-6) * h:
+            # along the step the law was its chord, and the branches saw its mean course
+            bend = 2.0 * abs(K + t1 + tf1 - G) * (abs(D) + abs(J)) + B * abs(J)
+            if not good or 0.1 * bend > _COURSE_TOLERANCE * (t1 + K):
+                step *= 0.5
+                continue
+            if 0.3 * bend > _COURSE_TOLERANCE * (t1 + K):
+                grow = 1.0
+        if not good or math.isnan(D):
+            break
+        if n > 0 and 0.003 * (t1 + K) < B and step > 1e-6 * h:
+            creep = abs(A + B * J) / (t1 + K + B)
+            wrong = 0.1 * creep * B / (t1 + K)
+            if wrong > _CREEP_TOLERANCE:
+                step *= shorter(_CREEP_TOLERANCE / wrong, 0.5)
+                continue
+            if 4.0 * wrong > _CREEP_TOLERANCE:
+                grow = min(grow, 0.9 * math.sqrt(_CREEP_TOLERANCE / wrong))
+        Q = 0.0
+        for j in range(n):
+            new_q = (q[j] + k[j] * J) * a[j] + g[j] * (D - J)
+            q[j] = new_q
+            Q += new_q
+        e += D
+        if sy > 0.0:
+            commit_friction(w, e, f1)
+        if not curved:
+            s1 = Y * e
+        s, t, f, tf = s1, t1, f1, tf1
+        Wm = max(Wm, W1)
+        done += step
+        if done >= h * (1.0 - 1e-12):
+            break
+        step = min(grow * step, h - done)
+    w[X_E], w[X_WM], w[X_S], w[X_T], w[X_F], w[X_TF], w[X_Q] = e, Wm, s, t, f, tf, Q
+    if not done >= h * (1.0 - 1e-12):
+        w[X_E] = math.nan
+
+
+@_jit
+def _prepare(w, law_p):
+    """Fill in what follows from the numbers of a plant, and the state of a rested one."""
+    rested(w, law_p)
+    w[P_K] = 0.0
+    for j in range(int(w[P_N])):
+        w[P_K] += w[A_K + j]
+        w[A_Q + j] = 0.0
+    w[X_Q], w[X_H] = 0.0, -1.0
 
 
 @_jit
@@ -64,11 +218,11 @@ def _held(w, law_p, h, start, end, trial):
         new = w[A_Q + j] * w[A_A + j] + w[A_G + j] * change
         Q += new
         trial[A_Q + j] = new
-    s, t, W = _elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], w[P_SHARE], w[P_MM], w[P_MB],
-                       w[X_WM], end)
+    s, t, W = elastic(int(w[P_LAW]), law_p, w[P_Y], w[P_BETA], w[P_DE], w[P_EC], w[P_SHARE], w[P_MM], w[P_MB],
+                      w[X_WM], end)
     f, tf = 0.0, 0.0
     if w[P_SY] > 0.0:
-        f, tf = _friction(w, end)
+        f, tf = friction(w, end)
     trial[X_E], trial[X_S], trial[X_T], trial[X_F], trial[X_TF], trial[X_Q], trial[X_WM] = end, s, t, f, tf, Q, W
     return s + f + Q + (w[P_D0] * change / h if h > 0.0 else 0.0)
 
@@ -79,22 +233,22 @@ def _take(w, trial):
     for j in range(int(w[P_N])):
         w[A_Q + j] = trial[A_Q + j]
     if w[P_SY] > 0.0:
-        _commit_friction(w, trial[X_E], trial[X_F])
+        commit_friction(w, trial[X_E], trial[X_F])
     w[X_E], w[X_S], w[X_T] = trial[X_E], trial[X_S], trial[X_T]
     w[X_F], w[X_TF], w[X_Q] = trial[X_F], trial[X_TF], trial[X_Q]
     w[X_WM] = max(w[X_WM], trial[X_WM])
 
 
 @_jit
-def _flown(w, law_p, h, b, rows, e, contact, before, one, none, out):
+def _flown(w, law_p, h, b, rows, e, contact, before):
     """Whether the material (strain `before`) stays off the plates for `rows` rows after row b; they are flown then."""
-    highest, one[0] = -np.inf, 0.0
+    highest, long = -np.inf, 0.0
     for i in range(b, b + rows):
         highest = max(highest, contact * e[i + 1])
-        one[0] += h[i]
+        long += h[i]
     if highest > contact * before:
         return False
-    run(w, law_p, one, none, none, out)
+    _fly(w, law_p, long)
     return not highest > contact * w[X_E]
 
 
@@ -105,8 +259,7 @@ def drive_position(w, law_p, h, e, contact, stress, material):
     contact: +1 plates that do not pull, -1 a film that does not push, 0 bonded. At the first knot the strain jumps
     to e[0]. w (SIZE,) holds the numbers of the plant without circuit and mass; its state is overwritten.
     """
-    prepare(w, law_p)
-    one, none, out = np.empty(1), np.zeros(1), np.empty(1)
+    _prepare(w, law_p)
     kept, trial = w.copy(), w.copy()
     s = _held(w, law_p, 0.0, 0.0, e[0], trial)
     touching = not contact * s < 0.0
@@ -123,7 +276,7 @@ def drive_position(w, law_p, h, e, contact, stress, material):
             # what goes its own way slows down, and is followed in longer steps while the plates are far
             rows = min(1 + alone // _SLOWS, _LONGEST, h.size - b)
             if rows > 1:
-                if _flown(w, law_p, h, b, rows, e, contact, before, one, none, out):
+                if _flown(w, law_p, h, b, rows, e, contact, before):
                     after = w[X_E]
                     for i in range(rows):
                         stress[b + 1 + i], material[b + 1 + i] = 0.0, before + (after - before) * (i + 1) / rows
@@ -131,8 +284,7 @@ def drive_position(w, law_p, h, e, contact, stress, material):
                     alone += rows
                     continue
                 w[:] = kept
-            one[0] = left
-            run(w, law_p, one, none, none, out)
+            _fly(w, law_p, left)
             flown = w[X_E]
             if not contact * (end - flown) > 0.0:
                 stress[b + 1], material[b + 1] = 0.0, flown
@@ -144,8 +296,7 @@ def drive_position(w, law_p, h, e, contact, stress, material):
             part = gap / (gap + contact * (end - flown)) if gap > 0.0 else 0.0
             w[:] = kept
             if part > 0.0:
-                one[0] = part * left
-                run(w, law_p, one, none, none, out)
+                _fly(w, law_p, part * left)
             start += part * (end - start)
             left = max((1.0 - part) * left, 1e-12 * h[b])
             _held(w, law_p, 0.0, w[X_E], start, trial)
@@ -166,7 +317,6 @@ def drive_position(w, law_p, h, e, contact, stress, material):
         if part > 0.0:
             _held(w, law_p, part * left, start, start + part * (end - start), trial)
             _take(w, trial)
-        one[0] = (1.0 - part) * left
-        run(w, law_p, one, none, none, out)
+        _fly(w, law_p, (1.0 - part) * left)
         touching, alone = False, 0
         stress[b], material[b] = 0.0, w[X_E]

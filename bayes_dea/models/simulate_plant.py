@@ -7,7 +7,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .coupled_kernel import coupled
 from .electrostatics import VOLTAGE_GEOMETRY
 from .mechanics import GKV, strain_driven_kernel
 from .nodes import Nodes
@@ -16,6 +15,9 @@ from .plant_kernel import drive_voltage
 from .plate_kernel import drive_position
 from .static import law_stress_tangent
 from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
+
+#: a line is cut into pieces of at most so many volts
+_RAMP_V = 100.0
 
 
 def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
@@ -58,14 +60,11 @@ def _strain(plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray) -
             many = supply(h, u0, u1, rows, *limits, lines[0], lines[1], lines[2], at)
         h, u0, u1 = lines[0, :many], lines[1, :many], lines[2, :many]
     out = np.empty(h.size)
-    if plant.is_coupled:
-        coupled(h, u0, u1, *plant.modes, plant.factor, plant.chi, plant.tau_d_s, plant.R_s_ohm, plant.R_leak_ohm,
-                plant.capacitance_F, plant.E_0_V_per_m, plant.thickness_m, plant.a_q, plant.tau_q_s, out)
-        return out if at is None else out[at]
     if not plant.is_linear and not plant.swings and plant.creep is None:
         drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
         return out if at is None else out[at]
-    start, end = np.empty(h.size), np.empty(h.size)
+    h, u0, u1, at = _cut(h, u0, u1, at)
+    start, end, out = np.empty(h.size), np.empty(h.size), np.empty(h.size)
     drive_lags(h, plant.factor, plant.R_s_ohm, plant.R_leak_ohm, plant.capacitance_F, plant.E_0_V_per_m,
                plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, u0, u1, start, end)
     if plant.swings:
@@ -76,6 +75,21 @@ def _strain(plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray) -
         network(h, start, end, 0.0, *plant.creep, out)
         _add_spring(plant.law_id, plant.law, end, out)
     return out if at is None else out[at]
+
+
+def _cut(h: NDArray, u0: NDArray, u1: NDArray, at: NDArray | None) -> tuple[NDArray, NDArray, NDArray, NDArray | None]:
+    """Steps in which the voltage goes far, in pieces: the stress is its square, and is taken as straight in each.
+
+    at (m,): the last piece of each step that is asked for; None where pieces and steps are one.
+    """
+    far = np.abs(u1 - u0)
+    if not far.max(initial=0.0) > _RAMP_V:  # nan has no answer, and needs none
+        return h, u0, u1, at
+    n = np.maximum(np.ceil(far / _RAMP_V), 1.0).astype(np.int64)
+    last = np.cumsum(n) - 1
+    before = np.arange(n.sum()) - np.repeat(last - n + 1, n)
+    length, start, rise = (np.repeat(x / n, n) for x in (h, u0 * n, u1 - u0))
+    return length, start + rise * before, start + rise * (before + 1), last if at is None else last[at]
 
 
 @njit(cache=True, error_model="numpy")
@@ -147,6 +161,5 @@ def simulate_plates(
         strain_driven_kernel(plant.law_id, plant.law, GKV, 1.0 / c, T, 0.0, h, e, contact, np.zeros(c.size + 1), stress,
                              material)
     else:
-        w = plant.without_circuit.kernel_numbers()
-        drive_position(w, plant.law, h, e, contact, stress, material)
+        drive_position(plant.plate_numbers(), plant.law, h, e, contact, stress, material)
     return stress * plant.area_m2 / (1.0 - material)

@@ -31,14 +31,17 @@ def strain(spec, values):
     ("rate_independent_hysteresis+parallel_damper", {**FRICTION, "d0_Pa_s": 300.0}),
     ("series_resistance+parallel_damper", {**CIRCUIT, "d0_Pa_s": 300.0}),
 ])
-@pytest.mark.parametrize("tau", [1e-6, 1e-7])
-def test_a_branch_far_faster_than_all_else_is_a_damper(effects, values, tau):
-    fast, tried = strain(f"hooke+gm3+{effects}", {**values, "k_3_Pa": 500.0 / tau, "tau_3_s": tau})
+def test_a_branch_far_faster_than_all_else_comes_to_be_a_damper(effects, values):
+    """What is between the two goes with the branch's time constant: the branch itself is followed, not folded away."""
     other = effects if "damper" in effects else f"{effects}+parallel_damper"
     with_damper, _ = strain(f"hooke+gm2+{other}", {**values, "d0_Pa_s": values.get("d0_Pa_s", 0.0) + 500.0})
-    assert np.isfinite(fast).all()
-    np.testing.assert_allclose(fast, with_damper, atol=1e-9)
-    assert tried < 12.0
+    apart = []
+    for tau in (1e-6, 1e-7, 1e-8):
+        fast, tried = strain(f"hooke+gm3+{effects}", {**values, "k_3_Pa": 500.0 / tau, "tau_3_s": tau})
+        assert tried < 4.0
+        apart.append(np.max(np.abs(fast - with_damper)))
+    assert apart[0] < 1e-5
+    np.testing.assert_allclose(apart[1:], [0.1 * apart[0], 0.01 * apart[0]], rtol=0.1)
 
 
 def test_a_branch_as_fast_as_the_damper_stays_a_branch():
