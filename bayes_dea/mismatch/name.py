@@ -177,14 +177,13 @@ def name_physics(
         if enough_alone:
             least = HIDDEN if free is None else LEAST_GAIN
             more = beside(start, model, names, prior, given, say, rng, adequate, least)
+            more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
+            # one that adds nothing to what is enough without it is no rival of that
+            more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
             start, more = beside_the_leader(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
             )
-        if enough_alone:
-            more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
-            # one that adds nothing to what is enough without it is no rival of that
-            more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         known.take(more)
         more = [w for w in more if known.enough(w)]
         if len(best.weighed.effects) == 1 and (more or not enough_alone):

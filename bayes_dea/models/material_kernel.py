@@ -146,6 +146,17 @@ def commit_friction(w, e, f):
         w[X_DIR], w[X_TOP], w[X_FE], w[X_FF] = d, float(m), e, f
 
 
+@inline
+def beyond_spring(w, law_p, Wm, e):
+    """Stress (Pa) at strain e beyond that of the linear spring, and its slope; Wm: energy reached before."""
+    Y = w[P_Y]
+    s, t, _ = elastic(int(w[P_LAW]), law_p, Y, w[P_BETA], w[P_DE], w[P_EC], w[P_SHARE], w[P_MM], w[P_MB], Wm, e)
+    f, tf = 0.0, 0.0
+    if w[P_SY] > 0.0:
+        f, tf = friction(w, e)
+    return s + f - Y * e, t + tf - Y
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def rested(w, law_p):
     """Fill in what follows from the numbers of a material, and the state of a rested one."""

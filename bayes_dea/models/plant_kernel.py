@@ -42,6 +42,7 @@ from .material_kernel import (
     X_T,
     X_TF,
     X_WM,
+    beyond_spring,
     commit_friction,
     elastic,
     friction,
@@ -303,14 +304,8 @@ def run(w, law_p, h, u0, u1, out):
                             if abs(J - at_jump) < _SMALL or not -5.0 < e + J < 0.95:
                                 break
                             at_jump = J
-                            held_jump, slope_jump = 0.0, 0.0
                             if curved:
-                                sj, tj, _ = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e + J)
-                                held_jump, slope_jump = sj - Y * (e + J), tj - Y
-                            if sy > 0.0:
-                                fj, tfj = friction(w, e + J)
-                                held_jump += fj
-                                slope_jump += tfj
+                                held_jump, slope_jump = beyond_spring(w, law_p, Wm, e + J)
                             if stretches:
                                 ph_jump, dph_jump = field(thick, c_eps, e + J)
                         p0 = load + J / prompt_D
@@ -405,13 +400,7 @@ def run(w, law_p, h, u0, u1, out):
                 worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
                 if worst > 0.02 * _COURSE_TOLERANCE:
                     # the law in the middle
-                    holds = 0.0
-                    if curved:
-                        holds, _, _ = elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, mid)
-                        holds -= Y * mid
-                    if sy > 0.0:
-                        fm, _ = friction(w, mid)
-                        holds += fm
+                    holds = beyond_spring(w, law_p, Wm, mid)[0] if curved else 0.0
                     if stretches:
                         phm, _ = field(thick, c_eps, mid)
                         holds -= 0.5 * (ss + se) * (phm - ph)

@@ -192,12 +192,16 @@ def test_populations_find_the_scores_that_integrals_find(voltage_campaign):
     d = compare(voltage_campaign, "hooke,hooke+gm2", seed=2).done["hooke+gm2"]
     fitted = frozenset(p.name for g in d.fit.posterior.groups for p in g.fitted)
     scoring = _Scoring(d.fit, replace(d.whole, method="annealed"), d.whole.draws, fitted, IntegralSettings())
+    apart = []  # in stated errors, over three recordings and four draws of populations
     for s in d.scores:
         p = next(p for p in d.fit.assembled.prepared if p.name == s.recording)
-        other = scoring._curved(p, -1.0 if s.role == "identify" else 1.0, np.random.default_rng(4))
-        assert other.method == "annealed"
-        assert other.mc_se < 0.5
-        assert other.elpd == pytest.approx(s.elpd, abs=3 * math.hypot(s.mc_se, other.mc_se)), s.recording
+        for seed in range(4):
+            other = scoring._curved(p, -1.0 if s.role == "identify" else 1.0, np.random.default_rng(seed))
+            assert other.method == "annealed"
+            assert other.mc_se < 0.5
+            apart.append((other.elpd - s.elpd) / math.hypot(s.mc_se, other.mc_se))
+    # the error of a few populations is known to a factor of two (1.4 over 36 draws); one draw may be 4 off
+    assert np.sqrt(np.mean(np.square(apart))) < 2.0
 
 
 def test_correlation_at_a_rate_that_is_left_out_is_unseen(compared):
