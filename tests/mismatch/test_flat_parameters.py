@@ -83,6 +83,7 @@ def test_a_parameter_that_nothing_tells_keeps_the_width_of_its_prior(softened):
     assert w.log_evidence == pytest.approx(w.fit.log_evidence, abs=3.0)
 
 
+@pytest.mark.long
 def test_an_arm_of_the_ridge_is_not_forgotten():
     """Softening depends on m + b W: either may be nearly all of it, and the maximum lies at one end of the ridge."""
     mullins = {"mullins_share": 0.05, "mullins_m_Pa": 60.0, "mullins_b": 0.1}
@@ -117,6 +118,7 @@ def test_what_only_the_simpler_model_has_starts_at_its_priors_median(diagnosed):
     assert np.isfinite(w.log_evidence)
 
 
+@pytest.mark.long
 def test_a_maximum_at_the_end_of_a_prior_is_not_where_its_ridge_ends(tmp_path):
     """The curvature there says nothing of how far the ridge goes: here m is next to free between 3 and 70 Pa."""
     case = draw_case(1543275)

@@ -1,6 +1,7 @@
 """A second effect where one seems to be enough: a mode of the base stands in for it, or it is weak."""
 
 import numpy as np
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.bench.concealed import draw_case, write_case
@@ -12,6 +13,7 @@ from bayes_dea.mismatch.locate import ADEQUATE, scan
 DELAY = {"acquisition_delay": {"T_d_s": 2e-3}}
 
 
+@pytest.mark.long
 def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxation(tmp_path):
     """The quickest mode of the base, far below the sampling step, leaves nothing of a strong damper to be seen."""
     case = draw_case(1547250)

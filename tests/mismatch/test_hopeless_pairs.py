@@ -35,6 +35,7 @@ def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted):
     assert {len(effects) for effects in fitted} == {1}
 
 
+@pytest.mark.long
 def test_no_third_effect_is_looked_for_where_the_second_leaves_most(fitted, monkeypatch):
     """Branches that relax more slowly when they are unloaded: the best pair leaves more than half, were all fitted."""
     monkeypatch.setattr(search, "_SHARE", 0.0)

@@ -25,6 +25,7 @@ def test_points_take_the_shares_of_the_voltage_that_they_are_meant_to():
     assert leak_points(model, index, 0.0) == []
 
 
+@pytest.mark.long
 def test_a_leak_far_below_its_resistance_at_no_field_is_found():
     """0.6 Mohm at no field, 27 kohm at 1,200 V behind 9.4 kohm: what it takes is told well, its resistance is not."""
     true = {"R_leak_ohm": 6e5, "R_s_ohm": 9.4e3, "E_0_V_per_m": 5e6}

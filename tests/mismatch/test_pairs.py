@@ -14,6 +14,7 @@ HYSTERESIS = {"sigma_y_Pa": 8800.0, "eps_y": 2.25e-3}
 MULLINS = {"mullins_share": 0.03, "mullins_m_Pa": 60.0, "mullins_b": 0.84}
 
 
+@pytest.mark.long
 def test_a_leak_that_the_field_activates_is_found_beside_a_stronger_effect():
     """A plain leak beside the hysteresis stays hundreds of nats behind one that the field activates."""
     campaign = concealed({"leakage": LEAK, "rate_independent_hysteresis": HYSTERESIS})

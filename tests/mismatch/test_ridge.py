@@ -19,6 +19,7 @@ def test_a_narrow_posterior_is_laplace(diagnosed):
     assert found[1] < 0.3
 
 
+@pytest.mark.long
 def test_a_ridge_is_weighed_the_same_by_other_draws_and_less_than_by_laplace():
     """A bent sensor, explained by a field-activated leak: three parameters of which the readings tell about one."""
     result = diagnose(concealed({"sensor_nonlinearity": {"q_2_per_m": -240.0}}), "hooke+gm3")

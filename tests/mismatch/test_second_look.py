@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import second_look
@@ -30,6 +31,7 @@ def test_what_only_recordings_to_validate_show_is_named_and_said():
     assert not any("no recording has role" in w for w in s["warnings"])
 
 
+@pytest.mark.long
 def test_a_range_that_ends_above_all_recordings_to_identify_is_named():
     """Clipped before the noise, so that no reading stands at the end; a rival that explains nothing hides nothing."""
     clipped = concealed({"sensor_clipping": {"y_max_m": 2.8e-4, "clip_noise": 0.0}})

@@ -1,5 +1,6 @@
 """An effect that contains another one of an explanation, looked for in its place."""
 
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import further
@@ -15,6 +16,7 @@ def quiet(*_):
     pass
 
 
+@pytest.mark.long
 def test_a_leak_is_found_where_a_resistance_did_its_work():
     result = diagnose(concealed({"leakage": LEAK}), "hooke+gm3", seed=1)
     known = result.naming.weighed

@@ -92,6 +92,7 @@ def test_vhb_measured_position_drives_the_model(vhb: Campaign) -> None:
     assert np.max(np.abs(given - measured)) < 2e-5
 
 
+@pytest.mark.long
 def test_vhb_relaxation_has_one_maximum(vhb: Campaign) -> None:
     model = build_model("hooke+gm3", read_prior_file(RUNS / "vhb4910" / "priors.toml"))
     assembled = assemble(vhb, model)
