@@ -45,12 +45,13 @@ def names_beside(w: Weighed, names: Sequence[str]) -> list[str]:
 
 
 def beside_these(
-    frame: Frame, effects: Sequence[str], name: str, model: Model, overrides: Mapping[str, object], sparse: bool = True
+    frame: Frame, effects: Sequence[str], name: str, model: Model, overrides: Mapping[str, object],
+    sparse: bool = True, series_ohm: float | None = None,
 ) -> list[Screened]:
     """An effect beside others on its grid, by each of its laws that has an answer."""
     both = together(effects, name)
     models = [extended(model, both, {**overrides, **law}) for law in laws_of_effect(name)]
-    found = [screen([frame], m, both, sparse=sparse) for m in models if m is not None]
+    found = [screen([frame], m, both, sparse, series_ohm) for m in models if m is not None]
     return [s for s in found if s is not None]
 
 
@@ -92,7 +93,9 @@ def widened(
         if plain is None:
             continue
         say("leaving one out", 0, 1, "+".join(together(others, wide)))
-        screened = beside_these(Frame(plain), others, wide, model, overrides, sparse=False)
+        screened = beside_these(
+            Frame(plain), others, wide, model, overrides, sparse=False, series_ohm=pair.fit.values().get("R_s_ohm")
+        )
         for s in screened:
             w = refine(plain, s, prior, 2)
             if w is not None:
@@ -246,8 +249,8 @@ def second_thoughts(
         if alone is None:
             continue
         out.append(alone)
-    if len(w.effects) > 2:
-        out += [t for pair in list(out) for t in widened(pair, base, model, names, prior, laws, say)]
+    narrow_ones = [w] if len(w.effects) == 2 else list(out)
+    out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say)]
     if len(w.effects) == 2 and len(out) > 1:
         second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)

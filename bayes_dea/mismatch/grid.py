@@ -126,10 +126,17 @@ class Screened:
         return max(abs(p.likelihood - self.base_objective) for p in self.points)
 
 
-def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], sparse: bool = False) -> Screened | None:
+def screen(
+    frames: Sequence[Frame],
+    model: Model,
+    effects: tuple[str, ...],
+    sparse: bool = False,
+    series_ohm: float | None = None,
+) -> Screened | None:
     """Score a grid over the effect's own parameters. None where it has no answer on these recordings.
 
-    frames: the base fit, and others from which the base may be moved along (see `slow_start`).
+    frames: the base fit, and others from which the base may be moved along (see `slow_start`). series_ohm: the
+    resistance before a leak, where that is known about.
     """
     base = frames[0].fit
     problem = base.problem.with_model(model)
@@ -159,7 +166,10 @@ def screen(frames: Sequence[Frame], model: Model, effects: tuple[str, ...], spar
             return here[-1]
 
         finding = finding_points(model, index, own_fit.values(), sparse)
-        finding += leak_points(model, index, highest_field(problem.pieces), sparse)
+        field = highest_field(problem.pieces)
+        finding += leak_points(model, index, field, sparse)
+        if series_ohm is not None:
+            finding += leak_points(model, index, field, sparse, series_ohm)
         for k, own in enumerate([*weighing, *finding]):
             point = score(own)
             if point is not None and frame is frames[0] and k < len(weighing):

@@ -11,8 +11,8 @@ from .refit import Fit
 from .size import size_elsewhere
 from .weigh import Weighed
 
-#: nats by which a fit from elsewhere has to beat the one that was weighed
-_CLEARLY = 10.0
+#: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
+_CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,11 @@ class Known:
     def take_from_elsewhere(self, found: Sequence[Weighed]) -> list[Weighed]:
         """Add those that are clearly better than what is known, and return them.
 
-        Theirs are Laplace's evidences, which overstate along ridges.
+        Theirs are Laplace's evidences, which overstate along ridges; a maximum that is higher is another matter.
         """
         for w in found:
-            if w.name not in self.weighed or w.log_evidence > self.weighed[w.name].log_evidence + _CLEARLY:
+            before = self.weighed.get(w.name)
+            if before is None or w.log_evidence > before.log_evidence + _least_gain(w, before):
                 self.weighed[w.name] = w
         return [w for w in found if self.weighed[w.name] is w]
 
@@ -83,3 +84,9 @@ class Known:
         if known is None:
             known = self._sizes[id(w.fit)] = w.fit, size_elsewhere(self.none.fit, w.fit, self.elsewhere)
         return known[1] >= self.resolution_m
+
+
+def _least_gain(w: Weighed, before: Weighed) -> float:
+    """Nats of evidence by which one fit of a hypothesis has to beat another."""
+    higher = before.refitted and before.fit.objective - w.fit.objective
+    return _HIGHER if higher > _PEAK else _CLEARLY

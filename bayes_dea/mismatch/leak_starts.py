@@ -34,8 +34,13 @@ def highest_field(pieces: tuple[Piece, ...] | list[Piece]) -> float:
     return max(fields)
 
 
-def leak_points(model: Model, index: NDArray[np.int64], field_V_per_m: float, sparse: bool = False) -> list[Array]:
-    """Points of a field-activated leak's own coordinates (all logarithms); none for anything else."""
+def leak_points(
+    model: Model, index: NDArray[np.int64], field_V_per_m: float, sparse: bool = False, series_ohm: float | None = None
+) -> list[Array]:
+    """Points of a field-activated leak's own coordinates (all logarithms); none for anything else.
+
+    series_ohm: the resistance before it, where that is known about; quantiles of its prior are taken otherwise.
+    """
     own = [model.priors.free[i] for i in index]
     place = {p.name: i for i, p in enumerate(own)}
     if set(place) != {"R_leak_ohm", "R_s_ohm", "E_0_V_per_m"} or field_V_per_m <= 0.0:
@@ -44,9 +49,11 @@ def leak_points(model: Model, index: NDArray[np.int64], field_V_per_m: float, sp
         return []
     series, activation = (own[place[n]].prior for n in ("R_s_ohm", "E_0_V_per_m"))
     out = []
-    quantiles = _FIELDS if sparse else _QUANTILES
-    for q_s, q_0, ratio in itertools.product(quantiles, _FIELDS, _FEW if sparse else _RATIOS):
-        log_s, log_0 = (float(p.ppf(np.array([q]))[0]) for p, q in ((series, q_s), (activation, q_0)))
+    quantiles = np.array(_FIELDS if sparse else _QUANTILES)
+    before = series.ppf(quantiles) if series_ohm is None else np.log([series_ohm])
+    for log_s, log_0, ratio in itertools.product(
+        before.tolist(), activation.ppf(np.array(_FIELDS)).tolist(), _FEW if sparse else _RATIOS
+    ):
         log_leak = log_s - math.log(ratio) + math.sqrt(field_V_per_m / math.exp(log_0))
         point = np.empty(3)
         point[place["R_s_ohm"]], point[place["E_0_V_per_m"]], point[place["R_leak_ohm"]] = log_s, log_0, log_leak

@@ -8,12 +8,18 @@ import pytest
 from bayes_dea.mismatch.known import Known
 
 
+@dataclass(frozen=True, eq=False)
+class Peak:
+    objective: float
+
+
 @dataclass(frozen=True)
 class Stub:
     effects: tuple[str, ...]
     log_evidence: float
     size_m: float = 1e-6
-    fit: object = field(default_factory=object)
+    fit: object = field(default_factory=lambda: Peak(0.0))
+    refitted: bool = True
 
     @property
     def name(self):
@@ -44,6 +50,16 @@ def test_what_is_found_from_elsewhere_has_to_be_clearly_better():
     little, much, new = Stub(("leakage",), 109.0), Stub(("inertia",), 61.0), Stub(("sensor_lag",), 1.0)
     assert k.take_from_elsewhere([little, much, new]) == [much, new]
     assert k.weighed == {"leakage": one, "inertia": much, "sensor_lag": new}
+
+
+def test_a_higher_maximum_has_to_be_better_by_less():
+    one = Stub(("leakage",), 100.0, fit=Peak(-110.0))
+    as_high, higher = Stub(("leakage",), 108.0, fit=Peak(-114.0)), Stub(("leakage",), 108.0, fit=Peak(-116.0))
+    assert known(one).take_from_elsewhere([as_high]) == []
+    assert known(one).take_from_elsewhere([higher]) == [higher]
+    # what only a grid has weighed keeps the base's fit, and that says nothing
+    screened = Stub(("leakage",), 100.0, fit=Peak(-110.0), refitted=False)
+    assert known(screened).take_from_elsewhere([higher]) == []
 
 
 def test_what_moves_less_than_the_sensor_resolves_counts_only_before_one_that_moves_more():
