@@ -209,32 +209,40 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
-    # what explains less than the resolution is not claimed as physics
-    evidence = {NONE: none.weighed.log_evidence}
-    error = {NONE: none.weighed.log_evidence_se}
-    prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
-    for w in known.counting:
-        evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
-        prior_of[w.name] = known.share(w)
     if best.discrepancy is None:
         # what imitated something that was left out has to find back
         starts = [f.fit.q for f in frames[1:]] if best is none else []
         best = replace(best, discrepancy=discrepancy(best.weighed.fit, columns, prior, starts, left))
         none = best if best.weighed is none.weighed else none
-    evidence[UNKNOWN] = max(
-        e.weighed.log_evidence + e.discrepancy.gain for e in (best, *others) if e.discrepancy is not None
-    )
-    error[UNKNOWN] = 0.5
-    log_p = {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
+    evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds)
     total = float(logsumexp(list(log_p.values())))
-    probability = {k: math.exp(v - total) for k, v in log_p.items()}
-    probability = _with_adequacy(probability, best)
+    probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best)
     labelled = {
         w.name: labellings(w, prior)
         for w in known.weighed.values()
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
     return Naming(none, best, known.weighed, evidence, error, probability, log_p, skipped, labelled, visible)
+
+
+def _log_probabilities(
+    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+    """Log evidence, its error, and log evidence with prior odds (not normalised), of every hypothesis by its name.
+
+    What explains less than the resolution is not claimed as physics.
+    """
+    evidence = {NONE: none.weighed.log_evidence}
+    error = {NONE: none.weighed.log_evidence_se}
+    prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
+    for w in known.counting:
+        evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
+        prior_of[w.name] = known.share(w)
+    evidence[UNKNOWN] = max(
+        e.weighed.log_evidence + e.discrepancy.gain for e in explained if e.discrepancy is not None
+    )
+    error[UNKNOWN] = 0.5
+    return evidence, error, {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
 
 
 def weigh_delay(

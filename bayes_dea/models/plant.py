@@ -186,12 +186,16 @@ class Plant:
             w[index] = value
         if np.isfinite(self.f_1_Hz):
             swinging, times = self.swinging_modes
-            real = times.imag == 0.0
-            c, T = swinging.real[real], times.real[real]
-            for first in np.flatnonzero(times.imag > 0.0):
+            # a mass on a network swings in one pair; others are branches that coincide, parted by rounding
+            first = int(np.argmax(np.abs(times.imag) / np.abs(times.real)))
+            first = first if times[first].imag > 0.0 else int(np.argmin(np.abs(times - times[first].conj())))
+            rest = np.ones(times.size, dtype=bool)
+            if times[first].imag != 0.0:
                 w[pk.P_PAIR] = 1.0
                 w[pk.P_CR], w[pk.P_CI] = swinging[first].real, swinging[first].imag
                 w[pk.P_TR], w[pk.P_TI] = times[first].real, times[first].imag
+                rest[[first, int(np.argmin(np.abs(times - times[first].conj())))]] = False
+            c, T = swinging.real[rest], times.real[rest]
         else:
             w[pk.P_D], c, T = self.modes
         slow_first = np.argsort(-T)

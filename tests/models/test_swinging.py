@@ -11,7 +11,9 @@ from bayes_dea.models.plant_kernel import drive_voltage
 from bayes_dea.models.simulate_plant import _strain
 
 PLANT = Plant(Y_Pa=1.2e6, branches=[(60e3, 20.0), (80e3, 0.3)], factor=0.0262, f_1_Hz=87.0, zeta=0.07)
-MORE = [{}, {"zeta": 0.9}, {"d0_Pa_s": 900.0}, {"chi": 0.02, "tau_d_s": 0.4}, {"branches": []}]
+MORE = [{}, {"zeta": 0.9}, {"d0_Pa_s": 900.0}, {"chi": 0.02, "tau_d_s": 0.4}, {"branches": []},
+        {"branches": [(60e3, 0.3), (80e3, 0.3), (50e3, 0.3)]},
+        {"branches": [(60e3, 0.3), (80e3, 0.3 + 1e-10), (50e3, 0.3 - 1e-10)], "zeta": 0.9}]
 
 
 def command(n=4000, h=1e-3):
