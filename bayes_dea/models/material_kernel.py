@@ -146,7 +146,7 @@ def commit_friction(w, e, f):
         w[X_DIR], w[X_TOP], w[X_FE], w[X_FF] = d, float(m), e, f
 
 
-@inline
+@njit(cache=True, error_model="numpy", nogil=True)
 def beyond_spring(w, law_p, Wm, e):
     """Stress (Pa) at strain e beyond that of the linear spring, and its slope; Wm: energy reached before."""
     Y = w[P_Y]

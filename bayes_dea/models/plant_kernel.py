@@ -108,7 +108,7 @@ _TRIES_A_STEP = 30
 _MAX_ITERATIONS = 60
 
 
-@inline
+@_jit
 def _lag(z):
     """A lag after z time constants: what stays of it, weights of a straight input's start and end, and of what the
     input is in the middle beside that line, if it is a parabola. z may be complex."""
@@ -122,7 +122,7 @@ def _lag(z):
     return stays, first, 1.0 - m, 4.0 * (first * (1.0 - 2.0 / z) + stays)
 
 
-@inline
+@_jit
 def _bowed(z, most):
     """What a lag of z time constants has at its end of a stress t (t - 1), above the line of its mean and end."""
     return min(z * z / 36.0, most, 2.0 / (3.0 * z) if z > 1.0 else 1.0)
