@@ -10,7 +10,7 @@ import numpy as np
 
 from ..models.effects import registered_effects
 from ..models.model import Model
-from .frame import Frame
+from .frame import Frame, own_index
 from .grid import Screened, screen
 from .hypotheses import extended, law_of, laws_of_effect
 from .noise_prior import NoisePrior
@@ -28,6 +28,9 @@ _ALIKE, _PARTNERS = 30.0, 3
 _BESIDE = 0.25
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
 _PROMISING, _IN_PLACE = 0.4, 5
+#: widths of its prior from which on the best point of a grid is another place than that of a fit, and how many times
+#: the distance of the nearest point
+_FAR, _FARTHER = 0.1, 1.25
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -111,7 +114,8 @@ def beside_the_second(
 ) -> list[Weighed]:
     """Pairs of the effect that was found second with another than the one found first.
 
-    What leads alone does some of the second one's work, too; beside that one another may do better.
+    What leads alone does some of the second one's work, too; beside that one another may do better. So may the first
+    one itself, elsewhere: a mass that was found before what jumps with it may ring at another frequency.
     alone: the second effect of `pair`, fitted without the first.
     """
     frame = Frame(alone.fit)
@@ -122,13 +126,28 @@ def beside_the_second(
     # what the grid promises is compared with what it promises for the one that was found, not with what that reached
     least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)
     likely = [s for s in sorted(found, key=lambda s: -s.gain) if s.effects != pair.effects and s.gain > max(least, 1.0)]
+    likely = [s for s in found if s.effects == pair.effects and _elsewhere(s, pair, alone)] + likely[:_IN_PLACE]
     out = []
-    for k, s in enumerate(likely[:_IN_PLACE]):
+    for k, s in enumerate(likely):
         say("weighing pairs", k, len(likely), "+".join(s.effects))
         w = refine(alone.fit, s, prior, 1, pair.value)
         if w is not None:
             out.append(replace(of_laws(w, found), size_m=effect_size(base, w.fit)))
     return out
+
+
+def _elsewhere(s: Screened, pair: Weighed, alone: Weighed) -> bool:
+    """Whether the best point of a grid beside `alone` is far, for its prior, from where the pair was fitted.
+
+    Far beyond the nearest point, that is: a grid is coarse.
+    """
+    own = own_index(alone.fit, s.model)
+    names = pair.fit.problem.model.priors.names
+    if not set(s.model.priors.names) <= set(names):  # another law
+        return False
+    there = pair.fit.q[[names.index(s.model.priors.names[i]) for i in own]]
+    off = [float(np.max(np.abs(p.own - there) / s.model.priors.scales()[own], initial=0.0)) for p in s.points]
+    return off[0] > max(_FAR, _FARTHER * min(off))
 
 
 def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
