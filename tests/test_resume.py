@@ -64,6 +64,7 @@ def interrupt_thrice(runs, arguments, out):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no signals and forks")
+@pytest.mark.long
 def test_interrupted_and_killed_it_ends_with_the_same_numbers(voltage_campaign, tmp_path):
     """In the sampler, which rests a little after each checkpoint; test_kills.py does it at random, all along a run."""
 

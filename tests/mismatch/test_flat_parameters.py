@@ -132,6 +132,7 @@ def test_a_maximum_at_the_end_of_a_prior_is_not_where_its_ridge_ends(tmp_path):
         assert found[parameter]["q05"] < true < found[parameter]["q95"], parameter
 
 
+@pytest.mark.long
 def test_the_law_as_it_was_first_written_is_named():
     """Without b (Ogden and Roxburgh 1999 had r and m alone)."""
     mullins = {"mullins_share": 0.1, "mullins_m_Pa": 20.0, "mullins_b": 0.0}

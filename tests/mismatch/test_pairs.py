@@ -26,6 +26,7 @@ def test_a_leak_that_the_field_activates_is_found_beside_a_stronger_effect():
         assert f["mean"] == pytest.approx(true, abs=4 * f["sd"]), name
 
 
+@pytest.mark.long
 def test_another_first_effect_is_found_beside_the_second():
     """Amplitude softening leads alone; beside the Mullins softening that it brought, thickness feedback does better."""
     result = diagnose(concealed({"thickness_feedback": {}, "mullins_softening": MULLINS}), "hooke+gm3", seed=1)

@@ -56,6 +56,7 @@ def test_the_first_verdict_stands_where_all_recordings_say_no_more():
     assert second_look.overrules(first, {"verdict": "series_resistance"})
 
 
+@pytest.mark.long
 def test_a_recording_of_another_actuator_among_those_to_validate_is_named():
     c = concealed(validate=False)
     shrunk = [replace(r, columns={**r.columns, "displacement_m": r.columns["displacement_m"] / 1.15})
