@@ -242,7 +242,7 @@ def in_place_of_the_first(
 
 def second_thoughts(
     w: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
-    say: Report, rng: np.random.Generator,
+    say: Report, rng: np.random.Generator, explains: Callable[[Fit], bool] | None = None,
 ) -> list[Weighed]:
     """Rivals that are looked for from where an explanation stands.
 
@@ -250,7 +250,8 @@ def second_thoughts(
     one found second gets another beside it. An effect that contains another is put back to that one. A mode of the base
     may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far faster
     than the sampling is a damper), and then that effect is looked for in its place. Of three one may do what is left
-    of an effect that contains another one of them, and then that effect is looked for in place of both.
+    of an effect that contains another one of them, and then that effect is looked for in place of both; of two that
+    leave nothing to be seen (`explains`) in place of that one.
     """
     out: list[Weighed] = []
     laws = {**overrides, **law_of(w)}
@@ -268,7 +269,9 @@ def second_thoughts(
         if alone is None:
             continue
         out.append(alone)
-    narrow_ones = [w] if len(w.effects) == 2 else list(out)
+    narrow_ones = list(out) if len(w.effects) > 2 else []
+    if len(w.effects) == 2 and set(w.effects) & set(CONTAINS.values()) and explains is not None and explains(w.fit):
+        narrow_ones = [w]
     out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say)]
     if len(w.effects) == 2 and len(out) > 1:
         second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone

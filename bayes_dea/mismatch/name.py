@@ -147,7 +147,7 @@ def name_physics(
         """The same, or what is likelier once no mode of the base stands in for another effect."""
         if any(w is c for c in considered):
             return w
-        more = second_thoughts(w, base, model, names, prior, given, say, rng)
+        more = second_thoughts(w, base, model, names, prior, given, say, rng, adequate)
         better = known.take_from_elsewhere([t for t in more if known.enough(t)])
         considered.append(max([w, *better], key=known.weight))
         return considered[-1]
