@@ -202,6 +202,7 @@ def test_killed_and_resumed_it_ends_at_the_same_numbers(
     if how == signal.SIGTERM:
         assert process.returncode == 143
         assert "--resume continues" in said
+    deadline = time.monotonic() + 60  # of its own: how long the start took is another matter
     while any(alive(w) for w in workers) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not any(alive(w) for w in workers), "a section outlived its run"
