@@ -113,6 +113,20 @@ def test_a_past_in_few_nodes_ends_alike():
         assert np.abs(full - few).max() < 0.02 * UM
 
 
+@pytest.mark.parametrize("volts", [SINE, TRIANGLE], ids=["sine", "triangle"])
+@pytest.mark.parametrize("name", ["inertia", "inertia+series_resistance", "inertia+rate_independent_hysteresis"])
+def test_a_quick_mass_hardly_rings_along_lines(name, volts):
+    r = recording(volts)
+    full, few = make_nodes(r), make_nodes(r, lines=True)
+    for f_1_Hz, zeta in ((101.0, 0.05), (101.0, 0.3), (390.0, 0.0135), (390.0, 0.3)):
+        (plant,) = plants(name, 1, f_1_Hz=f_1_Hz, zeta=zeta)
+        assert plant.is_smooth
+        gap = at_rows(few, simulate_nodes(plant, few)) - at_rows(full, simulate_nodes(plant, full))
+        assert np.abs(gap).max() < 0.05 * UM
+        assert np.sqrt(np.mean(gap**2)) < 0.015 * UM
+
+
 def test_limits_corners_and_ringing_need_every_row():
     for name in ROUGH:
-        assert not any(p.is_smooth for p in plants(name))
+        assert not any(p.is_smooth for p in plants(name, **({"f_1_Hz": 99.0} if name == "inertia" else {})))
+    assert not any(p.is_smooth for p in plants("inertia", f_1_Hz=390.0, zeta=0.0125))
