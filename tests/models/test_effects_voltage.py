@@ -193,7 +193,7 @@ def test_friction_balances_with_sliders_one_by_one(elements, network, more):
     recording = held(levels)
     m = build_model(f"{network}+rate_independent_hysteresis{more}")
     values = {**BASE, "sigma_y_Pa": 3e3, "eps_y": 2.5e-3}
-    plant = replace(plant_of(m, {p.name: values[p.name] for p in m.parameters}, ACTUATOR), friction_elements=elements)
+    plant = replace(plant_of(m, {p.name: values[p.name] for p in m.priors.free}, ACTUATOR), friction_elements=elements)
     e = simulate_nodes(plant, make_nodes(recording, every_row=True)) / STROKE
     n = elements or 20_000
     yields = -np.log1p(-(np.arange(n) + 0.5) / n)

@@ -44,7 +44,7 @@ def recording(kind, plant, scatter=SCATTER):
 def plant_with(effects):
     model = build_model("+".join(["hooke+gm3", effects]).rstrip("+"))
     named = {**MATERIAL, **EFFECTS[effects]}
-    values = {p.name: named[p.name] for p in model.parameters}
+    values = {p.name: named[p.name] for p in model.priors.free}
     return plant_of(model, values, ACTUATOR)
 
 

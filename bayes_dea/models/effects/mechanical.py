@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...errors import InputError
 from .effect import BOTH, Effect, off, quantity
 
 _CATALOGUE = "catalogue of missing physics"
@@ -62,8 +63,8 @@ class RateIndependentHysteresis(Effect):
     name = "rate_independent_hysteresis"
     stage = "mechanical"
     label = "rate-independent hysteresis"
-    equation = "s = s_law(e) + sum s_j,  s_j = clip(s_j + k_j de, +-k_j y_j),  y_j exponential, mean eps_y; " \
-               "sum k_j y_j = sigma_y"
+    equation = "s = s_law(e) + sum s_j,  s_j = clip(s_j + k de, +-k y_j),  y_j exponential, mean eps_y; " \
+               "sum k y_j = sigma_y"
     source = f"{_CATALOGUE}, E12; Iwan 1967, 10.1115/1.3607751"
     acts_on = BOTH
     null = off("sigma_y_Pa")
@@ -75,7 +76,12 @@ class RateIndependentHysteresis(Effect):
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """See `Effect.write`."""
+        count = values["friction_elements"]
+        if count != round(count):
+            raise InputError(f"friction_elements is {count:g}; elements are counted: give one whole number, e.g. "
+                             "friction_elements=64, and no prior that can lie between two")
         plant["sigma_y_Pa"], plant["eps_y"] = values["sigma_y_Pa"], values["eps_y"]
+        plant["friction_elements"] = round(count)
 
 
 class ExtraRelaxationMode(Effect):
