@@ -136,7 +136,7 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
     assert p_value is not None
     if second_look.overrules(first.summary, second.summary):
         result = second
-        note = second_look.overruled_note(first.summary, p_value, second_look.to_validate(campaign))
+        note = second_look.overruled_note(first.summary, second.summary, p_value, second_look.to_validate(campaign))
         result.summary["statement"] = f"{result.summary['statement']} {note}."
     else:
         # a recording of another actuator among those to validate, say

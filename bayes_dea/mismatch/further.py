@@ -12,7 +12,8 @@ from ..models.effects import registered_effects
 from ..models.model import Model
 from .frame import Frame, own_index
 from .grid import Screened, screen
-from .hypotheses import extended, law_of, laws_of_effect
+from .hypotheses import extended, law_of
+from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit
 from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
@@ -177,8 +178,8 @@ def beside_the_leader(
         return first, found
     # what only a grid has weighed has no fit of its own to be judged by
     top = max((w for w in found if w.refitted), key=lambda w: w.log_evidence, default=quick)
-    if FURTHER in top.effects and not adequate(top.fit):
-        # a mode of the base may stand in for what is hidden
+    if {FURTHER, *COUNTED}.intersection(top.effects) and not adequate(top.fit):
+        # a mode of the base may stand in for what is hidden, or friction have other elements
         top = thoughts(top)
         found.append(top)
     if adequate(top.fit):

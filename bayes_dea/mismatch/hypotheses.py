@@ -9,20 +9,10 @@ from ..campaign.schema import Campaign
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from ..priors import Prior, prior_folder
+from .laws import laws_in
 from .weigh import Weighed
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
-
-#: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
-#: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)
-VARIANTS: dict[str, dict[str, Prior]] = {
-    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e5, 1e12)},
-}
-
-
-def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
-    """Laws of an effect, the plain one first, as what is given beside the priors of its parameters."""
-    return ({}, VARIANTS[name]) if name in VARIANTS else ({},)
 
 
 def prior_odds() -> dict[str, float]:
@@ -85,7 +75,5 @@ def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object
 
 
 def law_of(w: Weighed) -> dict[str, Prior]:
-    """Priors of the law that a weighed effect was given, where that is not the plain one."""
-    free = w.fit.problem.model.priors.names
-    laws = [VARIANTS[name] for name in w.effects if name in VARIANTS]
-    return {p: prior for law in laws if all(p in free for p in law) for p, prior in law.items()}
+    """Priors of the laws that weighed effects were given, where those are not the plain ones."""
+    return laws_in(w.fit.problem.model, w.effects)

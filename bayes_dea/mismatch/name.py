@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from ..campaign.schema import Campaign
 from .discrepancy import Discrepancy, basis, discrepancy
+from .elements import counted
 from .features import Features
 from .frame import Frame
 from .further import HIDDEN, beside, beside_the_leader, freed, in_place_of_the_first, second_thoughts
@@ -147,6 +148,9 @@ def name_physics(
         """The same, or what is likelier once no mode of the base stands in for another effect."""
         if any(w is c for c in considered):
             return w
+        recounted = counted(w, base, prior)
+        if recounted is not w:
+            known.weighed[w.name] = w = recounted
         more = second_thoughts(w, base, model, names, prior, given, say, rng, adequate)
         better = known.take_from_elsewhere([t for t in more if known.enough(t)])
         considered.append(max([w, *better], key=known.weight))

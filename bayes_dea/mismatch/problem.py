@@ -25,6 +25,7 @@ from ..models.nodes import Nodes
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from .journal import Journal, digest
+from .laws import log_share
 from .reduced import Piece, gain_groups
 from .whitening import Noise, Shared, whiten
 
@@ -152,11 +153,15 @@ class Problem:
                 out[i, d + self.zero_mean.size + group] = sign / len(moved)
         return out
 
+    @cached_property
+    def _log_share(self) -> float:
+        return log_share(self.model)
+
     def log_prior(self, q: Array) -> Array:
-        """(B,) log prior density."""
+        """(B,) log prior density, with the share of the prior that the model's law has among others."""
         q = np.atleast_2d(q)
         d, nz = self.model.dimension, self.zero_mean.size
-        out = self.model.log_prior(q[:, :d]) if d else np.zeros(len(q))
+        out = self._log_share + (self.model.log_prior(q[:, :d]) if d else np.zeros(len(q)))
         for x, mean, sd in ((q[:, d : d + nz], self.zero_mean, self.zero_sd), (q[:, d + nz :], 0.0, self.gain_sd)):
             out = out - 0.5 * np.sum(((x - mean) / sd) ** 2, axis=1)
             out = out - float(np.sum(np.log(sd * math.sqrt(2 * math.pi))))

@@ -14,7 +14,8 @@ from ..models.model import Model
 from .features import Features
 from .frame import Frame, own_index
 from .grid import Screened, moved_to, screen
-from .hypotheses import extended, laws_of_effect
+from .hypotheses import extended
+from .laws import laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit, value_at
 from .relabel import stands_in

@@ -54,18 +54,33 @@ def all_to_identify(campaign: Campaign) -> Campaign:
 def overrules(first: dict[str, Any], second: dict[str, Any]) -> bool:
     """Whether the verdict on all recordings replaces the one on those to identify: summaries of both.
 
-    The same verdict keeps the proof that no fit and no choice has seen; "none" on all recordings is no better answer
-    than what explains a part of them.
+    The same verdict by the same law keeps the proof that no fit and no choice has seen; "none" on all recordings is no
+    better answer than what explains a part of them.
     """
-    return bool(second["verdict"] not in (first["verdict"], NONE))
+    return bool(second["verdict"] not in (first["verdict"], NONE) or _another_law(first, second))
 
 
-def overruled_note(first: dict[str, Any], p_value: float, names: tuple[str, ...]) -> str:
+def _another_law(first: dict[str, Any], second: dict[str, Any]) -> bool:
+    """Whether all recordings are explained by the same effects, but another law of one of them."""
+    same = second["verdict"] == first["verdict"]
+    return bool(same and second["adequate"] and second["corrected_priors"] != first["corrected_priors"])
+
+
+def _law(summary: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {prior}" for name, prior in summary["corrected_priors"].items()) or "the usual one"
+
+
+def overruled_note(
+    first: dict[str, Any], second: dict[str, Any], p_value: float, names: tuple[str, ...]
+) -> str:
     """One line on a verdict that the recordings to validate contradict."""
+    so = "does not hold"
+    if _another_law(first, second):
+        so = f"holds by another law only ({_law(second)} instead of {_law(first)})"
     said = "no reason to doubt the model" if first["verdict"] == NONE else first["verdict"]
     return (
         f"The recordings to identify alone say: {said} (confidence {first['confidence']:.2f}). Together with the "
-        f"{len(names)} to validate this does not hold (p = {max(p_value, 1e-300):.1g}), so that all recordings were "
+        f"{len(names)} to validate this {so} (p = {max(p_value, 1e-300):.1g}), so that all recordings were "
         "used to name what was left out, and the proof leaves those to validate out of the fit in turn"
     )
 

@@ -17,7 +17,7 @@ from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
 from .features import Features
-from .hypotheses import MAINS, NONE, UNKNOWN, VARIANTS, extended
+from .hypotheses import MAINS, NONE, UNKNOWN, extended, law_of
 from .locate import excess_by, where
 from .name import Naming
 from .prove import HeldOut
@@ -126,13 +126,8 @@ def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
     """Priors that the corrected model needs beside its SPEC: of an effect whose law is not its plain one."""
     if physics not in naming.weighed:
         return {}
-    of = {p.name: p.prior for p in naming.weighed[physics].fit.problem.model.parameters}
-    return {
-        name: str(prior)
-        for effect in naming.weighed[physics].effects
-        for name, prior in VARIANTS.get(effect, {}).items()
-        if of.get(name) == prior
-    }
+    weighed = naming.weighed[physics]
+    return {name: str(prior) for name, prior in law_of(weighed).items()}
 
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:

@@ -31,9 +31,11 @@ def lead_of(case: Any, campaign: Any, result: Any) -> float | None:
 
 def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     """Laplace's log evidence of the true model, fitted from the true values."""
-    from bayes_dea.mismatch.hypotheses import VARIANTS, effect_priors, extended
+    from bayes_dea.mismatch.hypotheses import effect_priors, extended
+    from bayes_dea.mismatch.laws import COUNTED, VARIANTS
     from bayes_dea.mismatch.noise_prior import noise_prior
     from bayes_dea.mismatch.refit import refit
+    from bayes_dea.priors import Prior
 
     base = result.base
     names = case.truth.split("+")
@@ -44,10 +46,12 @@ def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
         for parameter, prior in VARIANTS.get(n, {}).items()
         if case.parameters.get(parameter)
     }
-    model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws})
+    counts = {COUNTED[n]: Prior("fixed", case.parameters["elements"]) for n in names if n in COUNTED}
+    model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws, **counts})
     if model is None:
         return None
-    true = {p.name: np.array([case.parameters.get(p.name, np.nan)]) for p in model.parameters}
+    fixed = model.priors.fixed
+    true = {p.name: np.array([fixed.get(p.name, case.parameters.get(p.name, np.nan))]) for p in model.parameters}
     if not all(np.isfinite(v[0]) for v in true.values()):
         return None
     z = model.from_prior_coordinates(model.priors.to_coordinates(true))[0]

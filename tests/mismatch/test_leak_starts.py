@@ -5,7 +5,7 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import VARIANTS
+from bayes_dea.mismatch.laws import VARIANTS
 from bayes_dea.mismatch.leak_starts import highest_field, leak_points
 from bayes_dea.models.model import build_model
 

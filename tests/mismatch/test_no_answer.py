@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bayes_dea.mismatch.discrepancy import basis, discrepancy
-from bayes_dea.mismatch.hypotheses import VARIANTS, extended, law_of
+from bayes_dea.mismatch.hypotheses import extended, law_of
+from bayes_dea.mismatch.laws import VARIANTS
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.prove import held_out, unanswered

@@ -49,11 +49,21 @@ def test_recordings_that_agree_are_not_looked_at_twice(diagnosed):
 
 
 def test_the_first_verdict_stands_where_all_recordings_say_no_more():
-    first = {"verdict": "sensor_lag", "confidence": 0.9}
-    assert not second_look.overrules(first, {"verdict": "sensor_lag"})
-    assert not second_look.overrules(first, {"verdict": "none"})
-    assert second_look.overrules(first, {"verdict": "unknown"})
-    assert second_look.overrules(first, {"verdict": "series_resistance"})
+    plain = {"confidence": 0.9, "adequate": True, "corrected_priors": {}}
+    first = {"verdict": "sensor_lag", **plain}
+    assert not second_look.overrules(first, first)
+    assert not second_look.overrules(first, {"verdict": "none", **plain})
+    assert second_look.overrules(first, {"verdict": "unknown", **plain})
+    assert second_look.overrules(first, {"verdict": "series_resistance", **plain})
+
+
+def test_the_same_effect_by_another_law_replaces_the_first_where_it_explains_all():
+    first = {"verdict": "rate_independent_hysteresis", "confidence": 0.9, "adequate": True, "corrected_priors": {}}
+    second = {**first, "corrected_priors": {"friction_elements": "fixed(12)"}}
+    assert second_look.overrules(first, second)
+    assert not second_look.overrules(first, {**second, "adequate": False})
+    note = second_look.overruled_note(first, second, 1e-5, ("a.csv",))
+    assert "holds by another law only (friction_elements = fixed(12) instead of the usual one)" in note
 
 
 @pytest.mark.long

@@ -1,0 +1,45 @@
+"""Laws of one effect: what its parameters may mean beside the plain law that its prior file has."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..models.effects import registered_effects
+from ..models.model import Model
+from ..priors import Prior
+
+#: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
+#: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)
+VARIANTS: dict[str, dict[str, Prior]] = {
+    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e5, 1e12)},
+}
+
+#: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few
+#: and then in steps of a tenth; 0 stands for infinitely many
+COUNTED = {"rate_independent_hysteresis": "friction_elements"}
+COUNTS = (*range(3, 21), 22, 24, 26, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72, 80, 90, 100, 128, 200, 0)
+
+
+def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
+    """Laws of an effect, the plain one first, as what is given beside the priors of its parameters."""
+    return ({}, VARIANTS[name]) if name in VARIANTS else ({},)
+
+
+def laws_in(model: Model, effects: Sequence[str]) -> dict[str, Prior]:
+    """Priors of the laws that effects have in a model, where those are not the plain ones."""
+    own = {p.name: p.prior for p in model.parameters}
+    laws = [VARIANTS[name] for name in effects if name in VARIANTS]
+    out = {p: prior for law in laws if all(own.get(p) == law[p] for p in law) for p, prior in law.items()}
+    return out | {n: own[n] for n in (COUNTED.get(e, "") for e in effects) if n in own and own[n] != _usual(n)}
+
+
+def log_share(model: Model) -> float:
+    """Log share of the prior that a model's law has: one count is the usual one, another is one of many."""
+    return -math.log(len(COUNTS)) * len([n for n in laws_in(model, model.spec.effects) if n in COUNTED.values()])
+
+
+def _usual(name: str) -> Prior:
+    """Prior of a counted parameter as the file of its effect has it."""
+    effect = next(e for e, n in COUNTED.items() if n == name)
+    return next(p.prior for p in registered_effects()[effect].parameters if p.name == name)

@@ -1,0 +1,87 @@
+"""Friction whose elements are not those of the model: counted, not called unknown."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.errors import InputError
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.elements import counted
+from bayes_dea.mismatch.laws import COUNTS, laws_in, log_share
+from bayes_dea.mismatch.locate import ADEQUATE, scan
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.models.model import build_model
+from bayes_dea.priors import parse_override
+
+FRICTION = "rate_independent_hysteresis"
+STRONG = {"sigma_y_Pa": 6000.0, "eps_y": 3e-3}
+
+
+@pytest.fixture(scope="module")
+def twelve():
+    """A diagnosis of strong friction in twelve elements."""
+    return diagnose(concealed({FRICTION: {**STRONG, "elements": 12.0}}, scale=0.3), "hooke+gm3", seed=1)
+
+
+def with_count(fit, count):
+    """The fit with another count of elements, refitted."""
+    laws = {p.name: p for p in fit.problem.model.parameters}
+    name, prior = parse_override(f"friction_elements={count}")
+    return fit.problem.with_model(build_model(fit.problem.model.name, {**laws, name: prior}))
+
+
+def test_twelve_elements_are_counted(twelve):
+    assert twelve.verdict == FRICTION
+    assert twelve.summary["adequate"]
+    found = twelve.summary["hypotheses"][0]["parameters"]
+    for name, true in STRONG.items():
+        assert found[name]["mean"] == pytest.approx(true, abs=4 * found[name]["sd"]), name
+    # as the page prints it for calibrate
+    ((name, text),) = twelve.summary["corrected_priors"].items()
+    assert parse_override(f"{name}={text}")[1].a == 12.0
+    assert build_model(twelve.summary["corrected_model"], dict([parse_override(f"{name}={text}")])).priors.fixed == {
+        "friction_elements": 12.0
+    }
+
+
+def test_by_the_usual_count_these_recordings_are_not_explained(twelve):
+    fit, prior = twelve.naming.best.weighed.fit, noise_prior(twelve.assembled)
+    usual = refit(with_count(fit, 64), fit.q, prior.start(), prior)
+    assert scan(usual, np.random.default_rng(1)).p_value < ADEQUATE < scan(fit, np.random.default_rng(1)).p_value
+    assert fit.log_evidence > usual.log_evidence + 20.0
+    # and from there twelve are found
+    again = counted(replace(twelve.naming.best.weighed, fit=usual), twelve.base, prior)
+    assert again.fit.problem.model.priors.fixed["friction_elements"] == 12.0
+    assert again.log_evidence == pytest.approx(fit.log_evidence, abs=0.5)
+
+
+def test_a_count_that_is_not_the_usual_one_pays_for_all_that_are_tried(twelve):
+    fit = twelve.naming.best.weighed.fit
+    assert laws_in(fit.problem.model, (FRICTION,)).keys() == {"friction_elements"}
+    assert log_share(fit.problem.model) == pytest.approx(-np.log(len(COUNTS)))
+    usual = with_count(fit, 64)
+    assert log_share(usual.model) == 0.0
+    difference = fit.problem.log_prior(fit.q)[0] - usual.log_prior(fit.q)[0]
+    assert difference == pytest.approx(-np.log(len(COUNTS)))
+
+
+def test_recordings_that_show_no_corners_keep_the_usual_count():
+    weak = {"sigma_y_Pa": 300.0, "eps_y": 3e-3, "elements": 48.0}
+    result = diagnose(concealed({FRICTION: weak}), "hooke+gm3", seed=1)
+    assert result.verdict == FRICTION
+    assert result.summary["corrected_priors"] == {}
+
+
+@pytest.mark.parametrize("given", ["12.5", "uniform(2, 100)"])
+def test_elements_are_whole_numbers(given):
+    from bayes_dea.campaign.schema import Actuator
+    from bayes_dea.models.plant import plant_of
+
+    model = build_model(f"hooke+{FRICTION}", dict([parse_override(f"friction_elements={given}")]))
+    values = {"Y_Pa": 1e6, **STRONG} | ({} if model.priors.fixed else {"friction_elements": 40.3})
+    actuator = Actuator("one", 399, 25e-6, 2.8, 7.56e-5, 1.145e-4, 10.3e-3, 1e-3, 1200.0, 100.0)
+    with pytest.raises(InputError, match="elements are counted: give one whole number"):
+        plant_of(model, values, actuator)
