@@ -28,8 +28,11 @@ from bayes_dea.errors import InputError
 
 #: shares of the kinds of cases where none is asked for
 SHARES = {"none": 0.25, "single": 0.5, "unknown": 0.15, "pair": 0.1}
+FRICTION = "rate_independent_hysteresis"
 #: sizes that are aimed at, in resolution steps: barely above one step to strong
 TARGET_STEPS = {"single": (1.3, 200.0), "pair": (5.0, 200.0), "unknown": (5.0, 200.0)}
+#: elements of friction: a distribution of yield strains is filled by few or by many, and no one knows by how many
+ELEMENTS = (8, 128)
 _BRANCHES = {2: 0.1, 3: 0.8, 4: 0.1}
 _TRIES = 12
 
@@ -271,6 +274,9 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
         for name in names:
             effects[name], sizes[name] = _draw_effect(name, rng, probe, context, TARGET_STEPS[group],
                                                       plan.sensors.displacement.resolution)
+        if FRICTION in effects:  # drawn on its own, so that everything else of a seed stays what it was
+            effects[FRICTION]["elements"] = float(round(_log(_rng(seed, 5), *ELEMENTS)))
+            sizes[FRICTION] = probe.size({FRICTION: effects[FRICTION]})
         if "series_resistance" in effects and "leakage" in effects:
             effects["leakage"]["R_s_ohm"] = effects["series_resistance"]["R_s_ohm"]
         sizes["all"] = probe.size(effects) if len(names) > 1 else sizes[names[0]]
