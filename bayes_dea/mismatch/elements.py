@@ -18,12 +18,14 @@ from .laws import COUNTED, COUNTS
 from .noise_prior import NoisePrior
 from .refit import Fit, bounds, refit, value_at
 from .size import effect_size
-from .weigh import Weighed
+from .weigh import Weighed, excess
 
 #: counts to either side of the best that are tried, too, and how often the search goes on from there
 _AROUND, _ROUNDS = 4, 4
 #: nats of likelihood that another count has to promise
 _LEAST = 1.0
+#: nats of misfit that may be left in any case
+_SMALL = 200.0
 #: how far (in logs) a fit is moved along linearly
 _FAR = 0.7
 
@@ -31,7 +33,8 @@ _FAR = 0.7
 def counted(found: Weighed, base: Fit, prior: NoisePrior) -> Weighed:
     """The same explanation with as many elements as the recordings say.
 
-    Itself where it has none that are counted, or where no other count is likelier by more than that it is one of many.
+    Itself where it has none that are counted, where no other count is likelier by more than that it is one of many, or
+    where one leaves more than it takes: it does the work of another effect then, a little of it.
     """
     name = next((COUNTED[e] for e in found.effects if e in COUNTED), None)
     if name is None or not found.refitted:
@@ -44,7 +47,7 @@ def counted(found: Weighed, base: Fit, prior: NoisePrior) -> Weighed:
             break
         fit = again
         best = min(best, fit, key=lambda f: f.objective)
-    if best is found.fit:
+    if best is found.fit or excess(best, prior) > max(found.fit.objective - best.objective, _SMALL):
         return found
     return replace(
         found, fit=best, log_evidence=best.log_evidence + found.shared_prior,

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.assemble import assemble
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.elements import counted
+from bayes_dea.mismatch.elements import _nearer, counted
 from bayes_dea.mismatch.laws import COUNTS, laws_in, log_share
 from bayes_dea.mismatch.locate import ADEQUATE, scan
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.weigh import Weighed
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import parse_override
 
@@ -85,3 +89,20 @@ def test_elements_are_whole_numbers(given):
     actuator = Actuator("one", 399, 25e-6, 2.8, 7.56e-5, 1.145e-4, 10.3e-3, 1e-3, 1200.0, 100.0)
     with pytest.raises(InputError, match="elements are counted: give one whole number"):
         plant_of(model, values, actuator)
+
+
+def test_a_count_that_does_the_work_of_another_effect_is_not_taken():
+    """Stiffening beside friction: other elements take a little of what it leaves."""
+    stiff = {FRICTION: {**STRONG, "elements": 48.0}, "strain_stiffening": {"beta": 120.0}}
+    assembled = assemble(concealed(stiff, scale=0.3), build_model("hooke+gm3"), 1)
+    prior = noise_prior(assembled)
+    pieces = [p for p in reduce_campaign(assembled) if p.identify]
+    problem = Problem.of(assembled, build_model(f"hooke+gm3+{FRICTION}"), pieces)
+    start = np.zeros(problem.dimension)
+    own = problem.model.priors.transform(np.full((1, problem.model.dimension), 0.5))
+    start[: problem.model.dimension] = problem.model.from_prior_coordinates(own)[0]
+    fit = refit(problem, start, prior.start(), prior)
+    found = Weighed((FRICTION,), fit, fit.log_evidence, 0.1, 1e-5)
+    other = _nearer(fit, "friction_elements", prior)
+    assert other.objective < fit.objective - 20.0
+    assert counted(found, fit, prior) is found
