@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from ..models.electrostatics import filled_input
+from ..noise.dropouts import find_dropouts
 from ..noise.limit import find_limit, near_limit
 from .outliers import without
 from .prove import offset_and_gain
@@ -77,7 +79,7 @@ def cut_out(campaign: Campaign, limit: Limit) -> Campaign:
 
 
 def restored(pieces: Sequence[Piece], campaign: Campaign, limit: Limit) -> tuple[Piece, ...]:
-    """The pieces with the readings at the limit that `cut_out` took."""
+    """The pieces with the readings at the limit that `cut_out` took, but for drop-outs: they end there, too."""
     whole = {r.name: r for r in campaign.recordings}
     out = []
     for p in pieces:
@@ -85,6 +87,8 @@ def restored(pieces: Sequence[Piece], campaign: Campaign, limit: Limit) -> tuple
             y = np.asarray(whole[p.name].columns["displacement_m"], dtype=float)
             back = near_limit(y, limit.value_m, limit.resolution_m) & np.isfinite(y)
             if back.any():
+                drive = filled_input(whole[p.name].columns["voltage_V"])
+                back &= ~find_dropouts(y, drive, resolution=p.prepared.sensor.resolution)
                 recording = replace(p.recording, columns=whole[p.name].columns)
                 p = again(p, replace(p.prepared, recording=recording, y=y, observed=p.prepared.observed | back))
         out.append(p)

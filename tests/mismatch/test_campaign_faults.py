@@ -104,6 +104,13 @@ def test_a_limit_just_above_what_is_expected_cuts_the_noise_of_readings_and_is_n
     assert y_max["q05"] <= 3.0e-4 <= y_max["q95"]
 
 
+def with_readings(recording, rows, value):
+    """The recording with other readings at some rows."""
+    y = np.array(recording.columns["displacement_m"])
+    y[rows] = value
+    return replace(recording, columns={**recording.columns, "displacement_m": y})
+
+
 def test_moments_of_what_lies_above_a_limit():
     rng = np.random.default_rng(1)
     mean = np.array([-20.0, -2.0, 0.0, 1.0, 30.0])
@@ -114,7 +121,11 @@ def test_moments_of_what_lies_above_a_limit():
 
 
 def test_a_clipped_sensor_is_named_where_its_range_cuts_the_noise():
+    """Drop-outs end where the range does; on a recording to validate they are no readings of the actuator."""
     c = concealed({"sensor_clipping": {"y_max_m": 1.9e-4, "clip_noise": 1.0}})
+    end = max(float(np.nanmax(r.columns["displacement_m"])) for r in c.recordings)
+    c = replace(c, recordings=tuple(
+        with_readings(r, [100, 250, 400], end) if r.name == "rectangle_10Hz.csv" else r for r in c.recordings))
     result = diagnose(c, "hooke+gm3")
     s = result.summary
     assert s["verdict"] == "sensor_clipping"
@@ -122,6 +133,7 @@ def test_a_clipped_sensor_is_named_where_its_range_cuts_the_noise():
     limit = s["hypotheses"][0]["parameters"]["y_max_m"]
     assert limit["mean"] == pytest.approx(1.9e-4, abs=0.2e-6)
     assert s["proof"]["rmse_after_m"] < 1.05 * s["proof"]["noise_m"]
+    assert not any(row["recording"] == "rectangle_10Hz.csv" and row["t_end_s"] < 0.5 for row in s["mismatch"]["where"])
     assert bd.build_model(s["corrected_model"]).spec.effects == ("sensor_clipping",)
 
 
