@@ -71,7 +71,7 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
     frame = Frame(replace(fit, noise=prior.start()))
     below = frame.value(fit.clean)[0] - _LEAST
     found = []
-    around = range(max(now - _AROUND, 2), now + _AROUND + 1) if now else ()
+    around = range(max(now - _AROUND, COUNTS[0]), now + _AROUND + 1) if now else ()
     for count in sorted({*COUNTS, *around} - {now}):
         other = problem.with_model(_with_count(model, name, count))
         clean = other.clean(fit.q)

@@ -16,9 +16,9 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 }
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few
-#: and then in steps of a tenth; 0 stands for infinitely many
+#: and then in steps of a tenth; 0 stands for infinitely many. Fewer than six fill no distribution: they are play
 COUNTED = {"rate_independent_hysteresis": "friction_elements"}
-COUNTS = (*range(3, 21), 22, 24, 26, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72, 80, 90, 100, 128, 200, 0)
+COUNTS = (*range(6, 21), 22, 24, 26, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72, 80, 90, 100, 128, 200, 0)
 
 
 def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
