@@ -249,6 +249,11 @@ def _mechanical_piece(
 ) -> Piece:
     position = imposed_position(p.recording)
     raw = filled_input(p.recording.columns["position_m"])
+    imposed = imposed_pieces(p.recording)
+    if imposed is not None:
+        # the force of a damper jumps where the plates stop
+        at_corners = imposed.straight.at_corners(p.recording.time_s, imposed.scatter_m)
+        p = replace(p, observed=p.observed & ~at_corners)
     masked = ~p.observed
     gap = ~np.isfinite(p.y)
     blocks = log_blocks(
@@ -265,7 +270,6 @@ def _mechanical_piece(
     scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
     if scale_sd > 0:
         nuisance, sd = np.concatenate([nuisance, scale[None]]), np.append(sd, scale_sd)
-    imposed = imposed_pieces(p.recording)
     white: float | Array = 0.0
     carried = np.empty((0, 0))
     if imposed is not None:

@@ -72,6 +72,25 @@ class Straight:
         lines = np.array(columns).reshape(-1, time_s.size)
         return lines, ~np.any(lines != 0.0, axis=0)
 
+    def at_corners(self, time_s: Array, sd: float) -> NDArray[np.bool_]:
+        """Times (n,) s that may lie on either side of a corner, one to a side at most; sd: scatter of a reading.
+
+        What depends on the speed jumps at a corner, and readings know its time to some error.
+        """
+        out = np.zeros(time_s.size, dtype=bool)
+        lines = self.stop - self.first > 1
+        bend = np.diff(self.slope)
+        for k in np.flatnonzero(lines[:-1] & lines[1:] & (bend != 0.0)):
+            both = slice(k, k + 2)
+            ahead = float(np.diff(self.value - self.slope * self.centre_s)[k])
+            at = -ahead / bend[k]
+            arm = (at - self.centre_s[both]) / self.spread_s[both]
+            error = sd * math.sqrt(float(np.sum((1.0 + arm**2) / self.rows[both]))) / abs(bend[k])
+            right = int(np.searchsorted(time_s, at))
+            near = np.arange(max(right - 1, 0), min(right + 1, time_s.size))
+            out[near] |= np.abs(time_s[near] - at) < _DOUBT * error
+        return out
+
 
 def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> Straight:
     """Pieces of an input that is known by its means (nb,) over blocks; sd: scatter of one of its readings."""

@@ -85,3 +85,36 @@ def test_two_readings_are_one_line():
     lines, alone = straight.errors(blocks.time_s)
     assert alone.all()
     assert lines.shape == (0, blocks.n)
+
+
+def ramp(seed, end):
+    """A stop at `end` s after a quarter of a second at 7 mm/s; scatter of the readings."""
+    t = STEP * np.arange(6000)
+    clean = np.interp(t, [0, end - 0.25, end, 61], [0, 0, 1.7e-3, 1.7e-3])
+    return t, clean + SD * np.random.default_rng(seed).standard_normal(t.size)
+
+
+def test_rows_at_a_corner_are_known_as_such():
+    """Whether a row at which plates stop is one of the ramp or of the hold no reading says."""
+    wrong_side = 0
+    for seed in range(40):
+        t, x = ramp(seed, 1.25)
+        _, straight = pieces_of(t, x)
+        at = straight.at_corners(t, SD)
+        assert np.flatnonzero(at).tolist() == [100, 125]
+        wrong_side += straight.time_s[np.argmin(np.abs(straight.time_s - 1.25))] < 1.25 - 1e-6
+    # by chance on either side: without the rows above, half of the ramps would end a row too early
+    assert 10 <= wrong_side <= 30
+
+
+def test_rows_beside_a_corner_between_rows_count():
+    for seed in range(10):
+        t, x = ramp(seed, 1.254)
+        _, straight = pieces_of(t, x)
+        assert not straight.at_corners(t, SD).any()
+    # a slow ramp bends at a time that is known badly: a row to either side, no more
+    t, _, x = measured("triangle", 1)
+    noisy = x + 40 * SD * np.random.default_rng(2).standard_normal(t.size)
+    blocks = log_blocks(t, noisy, POSITION_BLOCKS, kinks=find_kinks(noisy))
+    straight = straight_pieces(t, blocks, block_means(noisy, blocks), 40 * SD)
+    assert 0 < straight.at_corners(t, 40 * SD).sum() <= 2 * (straight.first.size - 1)
