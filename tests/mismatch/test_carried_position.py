@@ -4,10 +4,13 @@ from dataclasses import asdict
 
 import numpy as np
 import pytest
+from concealed_campaigns import concealed
 
+from bayes_dea.assemble import assemble
 from bayes_dea.bench.rig import Geometry
 from bayes_dea.campaign import Actuator, recording_from_arrays
 from bayes_dea.forward import imposed_position
+from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.whitening import Noise, whiten_columns
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
@@ -76,3 +79,13 @@ def test_whitened_columns_have_the_covariance_of_noise_and_position(rho):
 
 def replace_carried(piece):
     return Piece(np.empty((0, piece.carried.shape[1])))
+
+
+def test_rows_at_which_the_plates_stop_are_not_judged():
+    """A damper's force jumps there; this ramp begins at a row, and ends between two."""
+    campaign = concealed({"parallel_damper": {"d0_Pa_s": 3000.0}}, pressed=True)
+    assembled = assemble(campaign, build_model("hooke+gm3"), 1)
+    (piece,) = [p for p in reduce_campaign(assembled) if p.name == "relaxation.csv"]
+    position = piece.recording.columns["position_m"]
+    first = np.flatnonzero(np.abs(np.diff(position)) > 20e-6)[0]
+    assert np.flatnonzero(~piece.prepared.observed).tolist() == [first]
