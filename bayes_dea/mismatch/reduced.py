@@ -40,8 +40,8 @@ _SHOWN = 0.9
 #: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
 #: times it may be that of the ramps
 _NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
-
-
+#: rows at rest before plates move, and the sds of a reading from which on a force jumps
+_AT_REST, _JUMP = 20, 8.0
 @dataclass(frozen=True)
 class Piece:
     """One recording, reduced. Arrays over blocks have nb columns."""
@@ -244,6 +244,20 @@ def _slopes(x: Array, force: Array, least_m: float) -> Array:
     return np.where(moving, np.abs(together) / np.where(moving, spread, 1.0), 0.0)
 
 
+def _touching(p: Prepared) -> NDArray[np.bool_]:
+    """The two rows (n,) between which quick plates touch; none where the force does not jump there.
+
+    With a damper it does, and a fit of where they touch would see nothing of a row until it has passed it.
+    """
+    out = np.zeros(p.y.size, dtype=bool)
+    seen = np.flatnonzero(p.observed)
+    away = np.abs(p.y[seen] - np.median(p.y[seen[:_AT_REST]])) > _JUMP * p.quiet_sd
+    first = int(np.argmax(away))
+    if first > 0 and abs(p.y[seen[first]] - p.y[seen[first - 1]]) > _JUMP * p.quiet_sd:
+        out[seen[first - 1 : first + 1]] = True
+    return out
+
+
 def _mechanical_piece(
     p: Prepared, group: int, rate: int, sd: Array, zero: int, accuracy_m: float | None = None
 ) -> Piece:
@@ -253,7 +267,7 @@ def _mechanical_piece(
     if imposed is not None:
         # the force of a damper jumps where the plates stop
         at_corners = imposed.straight.at_corners(p.recording.time_s, imposed.scatter_m)
-        p = replace(p, observed=p.observed & ~at_corners)
+        p = replace(p, observed=p.observed & ~at_corners & ~_touching(p))
     masked = ~p.observed
     gap = ~np.isfinite(p.y)
     blocks = log_blocks(

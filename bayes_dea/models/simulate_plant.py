@@ -137,6 +137,10 @@ def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.flo
     return y
 
 
+#: share of a step by which a contact is away from a row that is not one with it
+_ON_ROW = 1e-6
+
+
 def simulate_plates(
     plant: Plant, time_s: NDArray[np.float64], position_m: NDArray[np.float64], zero_m: float, contact: int
 ) -> NDArray[np.float64]:
@@ -151,8 +155,13 @@ def simulate_plates(
     if plant.height_m == 0.0:
         raise InputError("a mechanical recording needs stack_height_m, total_area_m2; write it under [actuator] in "
                          "campaign.toml")
-    e = (np.asarray(position_m, float) - zero_m) / plant.height_m
-    h = np.diff(np.asarray(time_s, float))
+    time, e = np.asarray(time_s, float), (np.asarray(position_m, float) - zero_m) / plant.height_m
+    added, share = _touches(e, contact if plant.d0_Pa_s > 0.0 else 0)
+    if added.size:
+        # a damper feels the speed of the plates, not the mean of a step for a part of which they were apart
+        time = np.insert(time, added + 1, time[added] + share * (time[added + 1] - time[added]))
+        e = np.insert(e, added + 1, 0.0)
+    h = np.diff(time)
     step = float(np.median(h))
     h[np.abs(h - step) < 1e-6 * step] = step  # stamps are rounded in the file
     stress, material = np.empty(e.size), np.empty(e.size)
@@ -162,4 +171,13 @@ def simulate_plates(
                              material)
     else:
         drive_position(plant.plate_numbers(), plant.law, h, e, contact, stress, material)
-    return stress * plant.area_m2 / (1.0 - material)
+    force = stress * plant.area_m2 / (1.0 - material)
+    return np.delete(force, added + 1 + np.arange(added.size))
+
+
+def _touches(e: NDArray[np.float64], contact: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Steps (k,) in which what moves comes to the material at rest, from apart, and after which share (k,) of them."""
+    at = np.flatnonzero((contact * e[:-1] < 0.0) & (contact * e[1:] > 0.0))
+    share = e[at] / (e[at] - e[at + 1])
+    within = (share > _ON_ROW) & (share < 1.0 - _ON_ROW)
+    return at[within], share[within]

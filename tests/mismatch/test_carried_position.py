@@ -8,9 +8,10 @@ from concealed_campaigns import concealed
 
 from bayes_dea.assemble import assemble
 from bayes_dea.bench.rig import Geometry
-from bayes_dea.campaign import Actuator, recording_from_arrays
+from bayes_dea.campaign import Actuator, Sensor, recording_from_arrays
 from bayes_dea.forward import imposed_position
-from bayes_dea.mismatch.reduced import reduce_campaign
+from bayes_dea.likelihood.prepare import Prepared
+from bayes_dea.mismatch.reduced import _touching, reduce_campaign
 from bayes_dea.mismatch.whitening import Noise, whiten_columns
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
@@ -82,10 +83,24 @@ def replace_carried(piece):
 
 
 def test_rows_at_which_the_plates_stop_are_not_judged():
-    """A damper's force jumps there; this ramp begins at a row, and ends between two."""
+    """A damper's force jumps there; this ramp begins at a row, touches in the second step, ends between two rows."""
     campaign = concealed({"parallel_damper": {"d0_Pa_s": 3000.0}}, pressed=True)
     assembled = assemble(campaign, build_model("hooke+gm3"), 1)
     (piece,) = [p for p in reduce_campaign(assembled) if p.name == "relaxation.csv"]
     position = piece.recording.columns["position_m"]
     first = np.flatnonzero(np.abs(np.diff(position)) > 20e-6)[0]
-    assert np.flatnonzero(~piece.prepared.observed).tolist() == [first]
+    assert np.flatnonzero(~piece.prepared.observed).tolist() == [first, first + 1, first + 2]
+
+
+def test_rows_between_which_quick_plates_touch_are_not_judged_where_the_force_jumps():
+    rng = np.random.default_rng(3)
+    t = 0.01 * np.arange(400)
+    x = np.clip((t - 1.0) * 5e-3, 0.0, 1.1e-3)
+    for d0_Pa_s, expected in ((3000.0, [105, 106]), (0.0, [])):
+        plant = plant_of(build_model("hooke+parallel_damper"), {"Y_Pa": 1e4, "d0_Pa_s": d0_Pa_s}, ACTUATOR)
+        force = simulate_plates(plant, t, x, 289e-6, 1) + 4e-3 * rng.standard_normal(t.size)
+        columns = {"time_s": t, "position_m": x, "force_N": force}
+        r = recording_from_arrays("r", "relaxation", columns, "identify", ACTUATOR)
+        sensor, observed = Sensor(4e-3, 2e-2, 1e-3), np.ones(t.size, dtype=bool)
+        p = Prepared(r, "force", sensor, force, observed, 0, None, 4e-3, (0.0, 0.0))
+        assert np.flatnonzero(_touching(p)).tolist() == expected

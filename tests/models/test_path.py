@@ -114,3 +114,20 @@ def test_a_turn_between_two_rows_is_not_cut():
         stiff, path.time_s, path.position_m, ZERO, 1)
     near = (blocks.time_s > 19.01) & (blocks.time_s < 19.5)
     assert np.abs(some - block_means(exact, blocks))[near].max() < 5e-3
+
+
+@pytest.mark.parametrize("left_out", [[], [106]])
+def test_a_damper_feels_the_speed_of_plates_that_touch_within_a_step(left_out):
+    plant = plant_of(build_model("hooke+gm1+parallel_damper"),
+                     {"Y_Pa": 1.25e6, "k_1_Pa": 7e4, "tau_1_s": 20.0, "d0_Pa_s": 2300.0}, ACTUATOR)
+
+    def force(step, without=()):
+        t = np.delete(np.arange(round(2.0 / step) + 1) * step, without)
+        return t, simulate_plates(plant, t, np.clip((t - 1.0) * 5e-3, 0.0, 1.1e-3), 289e-6, 1)
+
+    (coarse_t, coarse), (_, fine) = force(0.01, left_out), force(1e-4)
+    at = np.rint(coarse_t / 1e-4).astype(int)
+    np.testing.assert_allclose(coarse, fine[at], atol=2e-5)
+    # of a force that begins with a jump of 0.13 N
+    assert fine[10578] < 1e-9
+    assert fine[10581] > 0.1
