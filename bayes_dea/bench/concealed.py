@@ -28,11 +28,10 @@ from bayes_dea.errors import InputError
 
 #: shares of the kinds of cases where none is asked for
 SHARES = {"none": 0.25, "single": 0.5, "unknown": 0.15, "pair": 0.1}
-FRICTION = "rate_independent_hysteresis"
 #: sizes that are aimed at, in resolution steps: barely above one step to strong
 TARGET_STEPS = {"single": (1.3, 200.0), "pair": (5.0, 200.0), "unknown": (5.0, 200.0)}
 #: elements of friction: a distribution of yield strains is filled by few or by many, and no one knows by how many
-ELEMENTS = (8, 128)
+FRICTION, ELEMENTS = "rate_independent_hysteresis", (8, 128)
 _BRANCHES = {2: 0.1, 3: 0.8, 4: 0.1}
 _TRIES = 12
 

@@ -56,18 +56,13 @@ def counted(found: Weighed, base: Fit, prior: NoisePrior) -> Weighed:
     )
 
 
-def count_of(model: Model, name: str) -> int:
-    """Elements of a model."""
-    return round(model.priors.fixed[name])
-
-
 def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
     """The fit with the count that promises most, everything else moved along, refitted; None where none promises."""
     problem = fit.problem
     model = problem.model
     if name not in model.priors.fixed:  # left free, or without a meaning here
         return None
-    now = count_of(model, name)
+    now = round(model.priors.fixed[name])
     frame = Frame(replace(fit, noise=prior.start()))
     below = frame.value(fit.clean)[0] - _LEAST
     found = []
@@ -79,14 +74,14 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
             continue
         value, move = frame.value(clean)
         if value < below:
-            found.append((value, count, move))
+            found.append((value, other, move))
     if not found:
         return None
-    _, count, move = min(found, key=lambda f: f[0])
+    _, likeliest, move = min(found, key=lambda f: f[0])
     low, high = bounds(problem)
     start = fit.q + move if np.max(np.abs(move)) < _FAR else fit.q
     start = np.clip(start, low + 1e-9, high - 1e-9)
-    return refit(problem.with_model(_with_count(model, name, count)), start, prior.start(), prior, coarse=True)
+    return refit(likeliest, start, prior.start(), prior, coarse=True)
 
 
 def _with_count(model: Model, name: str, count: int) -> Model:

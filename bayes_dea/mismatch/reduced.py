@@ -42,6 +42,8 @@ _SHOWN = 0.9
 _NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
 #: rows at rest before plates move, and the sds of a reading from which on a force jumps
 _AT_REST, _JUMP = 20, 8.0
+
+
 @dataclass(frozen=True)
 class Piece:
     """One recording, reduced. Arrays over blocks have nb columns."""

@@ -25,8 +25,6 @@ from .static import HOOKE, LAWS, small_strain_modulus
 #: the limit of infinitely many (0) on the paper's actuator at 2 kPa; twelve would be 0.6 um rms from it. Their number
 #: costs nothing.
 FRICTION_ELEMENTS = 64
-
-
 #: natural frequency, and that times the damping ratio, from which on a mass that is taken through slow commands along
 #: lines of many rows (`slow_lines`) stays within 10 nm rms (30 nm at worst) of the same at every row: in the 0.3 s that
 #: rows are kept after an edge its ring loses a factor of exp(9)

@@ -138,7 +138,7 @@ def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.flo
 
 
 #: share of a step by which a contact is away from a row that is not one with it
-_ON_ROW = 1e-6
+_AT_A_ROW = 1e-6
 
 
 def simulate_plates(
@@ -179,5 +179,5 @@ def _touches(e: NDArray[np.float64], contact: int) -> tuple[NDArray[np.int64], N
     """Steps (k,) in which what moves comes to the material at rest, from apart, and after which share (k,) of them."""
     at = np.flatnonzero((contact * e[:-1] < 0.0) & (contact * e[1:] > 0.0))
     share = e[at] / (e[at] - e[at + 1])
-    within = (share > _ON_ROW) & (share < 1.0 - _ON_ROW)
+    within = (share > _AT_A_ROW) & (share < 1.0 - _AT_A_ROW)
     return at[within], share[within]

@@ -82,7 +82,7 @@ def replace_carried(piece):
     return Piece(np.empty((0, piece.carried.shape[1])))
 
 
-def test_rows_at_which_the_plates_stop_are_not_judged():
+def test_rows_at_which_plates_start_and_touch_are_not_judged():
     """A damper's force jumps there; this ramp begins at a row, touches in the second step, ends between two rows."""
     campaign = concealed({"parallel_damper": {"d0_Pa_s": 3000.0}}, pressed=True)
     assembled = assemble(campaign, build_model("hooke+gm3"), 1)

@@ -18,6 +18,7 @@ from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.weigh import Weighed
 from bayes_dea.models.model import build_model
+from bayes_dea.models.plant import FRICTION_ELEMENTS, plant_of
 from bayes_dea.priors import parse_override
 
 FRICTION = "rate_independent_hysteresis"
@@ -31,7 +32,7 @@ def twelve():
 
 
 def with_count(fit, count):
-    """The fit with another count of elements, refitted."""
+    """The problem of a fit with another count of elements."""
     laws = {p.name: p for p in fit.problem.model.parameters}
     name, prior = parse_override(f"friction_elements={count}")
     return fit.problem.with_model(build_model(fit.problem.model.name, {**laws, name: prior}))
@@ -73,6 +74,8 @@ def test_a_count_that_is_not_the_usual_one_pays_for_all_that_are_tried(twelve):
 
 
 def test_recordings_that_show_no_corners_keep_the_usual_count():
+    usual = build_model(f"hooke+{FRICTION}").priors.fixed["friction_elements"]
+    assert usual == FRICTION_ELEMENTS  # of a plant that is told nothing else
     weak = {"sigma_y_Pa": 300.0, "eps_y": 3e-3, "elements": 48.0}
     result = diagnose(concealed({FRICTION: weak}), "hooke+gm3", seed=1)
     assert result.verdict == FRICTION
@@ -82,7 +85,6 @@ def test_recordings_that_show_no_corners_keep_the_usual_count():
 @pytest.mark.parametrize("given", ["12.5", "uniform(2, 100)"])
 def test_elements_are_whole_numbers(given):
     from bayes_dea.campaign.schema import Actuator
-    from bayes_dea.models.plant import plant_of
 
     model = build_model(f"hooke+{FRICTION}", dict([parse_override(f"friction_elements={given}")]))
     values = {"Y_Pa": 1e6, **STRONG} | ({} if model.priors.fixed else {"friction_elements": 40.3})
