@@ -154,7 +154,7 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
         pieces: tuple = ()
 
     pieces = tuple(SimpleNamespace(name=n, channel="displacement", nodes=None) for n in "abcd")
-    fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None)
+    fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None, clean=[None] * 4, slopes=[None] * 4)
     assert told(reread.odd_one_out(fit, None, None, tell)) == [0, 0.25, 0.5, 0.75]
     assert told(diagnosis.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
     actuator = Actuator(max_voltage_V=1000.0, max_frequency_Hz=10.0)

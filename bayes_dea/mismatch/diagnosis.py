@@ -22,6 +22,7 @@ from ..models.model import Model, build_model
 from . import second_look
 from .ask import first_experiment, next_experiment
 from .clipped import beyond_reach, cut_out, restored, sensor_limit
+from .descent import Linearisation
 from .features import Features, features
 from .first_fit import first_fit
 from .frame import own_index
@@ -378,10 +379,14 @@ def leave_out_in_turn(
     asked = [p for p in used if not names or p.name in names]
     for k, piece in enumerate(asked):
         tell(k, len(asked), piece.name)
-        rest = tuple(p for p in used if p is not piece)
+        left = [i for i, p in enumerate(used) if p is not piece]
+        rest = tuple(used[i] for i in left)
         fits = []
         for fit in (base, corrected):
-            again = refit(replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False)
+            known = Linearisation(fit.q, [fit.clean[i] for i in left], [fit.slopes[i] for i in left])
+            again = refit(
+                replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False, known=known
+            )
             fits.append(again or fit)
         out += held_out(fits[0], fits[1], (piece,))
     return out

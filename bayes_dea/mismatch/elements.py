@@ -13,10 +13,11 @@ import numpy as np
 
 from ..models.model import Model, build_model
 from ..priors import Prior
+from .descent import Linearisation, bounds, value_at
 from .frame import Frame
 from .laws import COUNTED, COUNTS
 from .noise_prior import NoisePrior
-from .refit import Fit, bounds, refit, value_at
+from .refit import Fit, refit
 from .size import effect_size
 from .weigh import Weighed, excess
 
@@ -74,14 +75,16 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
             continue
         value, move = frame.value(clean)
         if value < below:
-            found.append((value, other, move))
+            found.append((value, other, move, clean))
     if not found:
         return None
-    _, likeliest, move = min(found, key=lambda f: f[0])
+    _, likeliest, move, clean = min(found, key=lambda f: f[0])
     low, high = bounds(problem)
     start = fit.q + move if np.max(np.abs(move)) < _FAR else fit.q
     start = np.clip(start, low + 1e-9, high - 1e-9)
-    return refit(likeliest, start, prior.start(), prior, coarse=True)
+    # hardly another model: its sensitivities are nearly these
+    near = Linearisation(fit.q, clean, fit.slopes, exact=False)
+    return refit(likeliest, start, prior.start(), prior, coarse=True, known=near)
 
 
 def _with_count(model: Model, name: str, count: int) -> Model:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
+from .descent import prior_derivatives
 from .journal import digest
 from .problem import Problem
 from .reduced import Piece
-from .refit import Fit, inverse, prior_derivatives
+from .refit import Fit, inverse
 from .whitening import Whitened, whiten, whiten_columns
 
 Array = NDArray[np.float64]

@@ -32,6 +32,8 @@ _PROMISING, _IN_PLACE = 0.4, 5
 #: widths of its prior from which on the best point of a grid is another place than that of a fit, and how many times
 #: the distance of the nearest point
 _FAR, _FARTHER = 0.1, 1.25
+#: nats behind what was found at which something else in its place is given up
+_FAR_BEHIND = 50.0
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {"inertia", "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
@@ -131,7 +133,8 @@ def beside_the_second(
     out = []
     for k, s in enumerate(likely):
         say("weighing pairs", k, len(likely), "+".join(s.effects))
-        w = refine(alone.fit, s, prior, 1, pair.value)
+        # what does not come near what was found changes nothing
+        w = refine(alone.fit, s, prior, 1, pair.value, _FAR_BEHIND)
         if w is not None:
             out.append(replace(of_laws(w, found), size_m=effect_size(base, w.fit)))
     return out

@@ -34,16 +34,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Kept:
-    """Sensitivities known from another fit: rows `others` of the Jacobian are `slopes`; `own` are to be worked out."""
+    """Sensitivities known from another fit: rows `others` of the Jacobian are `slopes`; `own` are to be worked out.
+
+    at (others,): their coordinates there; those by logs of what adds up grow with it.
+    """
 
     own: tuple[int, ...]
     others: NDArray[np.int64]
+    at: Array
     slopes: list[Array]  # by piece (others, nb)
 
     @cached_property
     def key(self) -> str:
         """Digest of them."""
-        return digest(self.own, self.others, self.slopes)
+        return digest(self.own, self.others, self.at, self.slopes)
 
 
 @dataclass(frozen=True)
@@ -129,29 +133,43 @@ class Problem:
         d = self.model.dimension
         return q[d : d + self.zero_mean.size], np.expm1(q[d + self.zero_mean.size :])
 
-    @property
-    def decoupled(self) -> Array:
-        """(d, d) from coordinates to those in which the compliances are the ones that the readings show, gain included.
+    @cached_property
+    def additive(self) -> tuple[NDArray[np.int64], Array]:
+        """Indices (k,) of logs of what adds up in the model, and 1 for compliances, -1 for moduli."""
+        index, sign = [], []
+        for i, (name, p) in enumerate(zip(self.model.coordinate_names, self.model.priors.free, strict=True)):
+            compliance = name.startswith(("log D", "log c_"))
+            if compliance or (p.unit == "Pa" and p.prior.is_log and p.prior.relative_to is None):
+                index.append(i)
+                sign.append(1.0 if compliance else -1.0)
+        return np.array(index, dtype=np.int64), np.array(sign)
+
+    @cached_property
+    def undone_by(self) -> Array:
+        """Shares (ng,) of the gains in the factor on the compliances that readings show.
 
         A gain of the displacement and a softer material are one and the same in a linear model; only priors part them.
-        Where forces were read too, these part them, and the coordinates stay as they are.
+        Where forces were read too, these part them: nothing is undone.
         """
-        out = np.eye(self.dimension)
         moved = {p.group for p in self.pieces if p.channel == "displacement"}
-        if any(p.channel != "displacement" for p in self.pieces):
-            return out
-        d = self.model.dimension
-        compliances = zip(self.model.coordinate_names, self.model.priors.free, strict=True)
-        for i, (name, parameter) in enumerate(compliances):
-            if name.startswith(("log D", "log c_")):
-                sign = 1.0
-            elif parameter.unit == "Pa" and parameter.prior.is_log and parameter.prior.relative_to is None:
-                sign = -1.0
-            else:
-                continue
-            for group in moved:
-                out[i, d + self.zero_mean.size + group] = sign / len(moved)
+        forces = any(p.channel != "displacement" for p in self.pieces)
+        return np.array([0.0 if forces or g not in moved else 1.0 / len(moved) for g in range(self.gain_sd.size)])
+
+    @cached_property
+    def decoupled(self) -> Array:
+        """(d, d) from coordinates to those in which the compliances are the ones that the readings show, gain included
+        (see `undone_by`)."""
+        out = np.eye(self.dimension)
+        index, sign = self.additive
+        if index.size:
+            out[index, self.dimension - self.gain_sd.size :] = np.outer(sign, self.undone_by)
         return out
+
+    @cached_property
+    def tightness(self) -> Array:
+        """One over the variances (d,) of the priors."""
+        sd = [np.maximum(self.model.priors.scales(), 1e-12), self.zero_sd, self.gain_sd]
+        return np.asarray(np.concatenate(sd) ** -2.0)
 
     @cached_property
     def _log_share(self) -> float:
@@ -213,17 +231,23 @@ class Problem:
         h[d : d + self.zero_mean.size] = 1e-7
         return h
 
-    def jacobian(self, q: Array, base: list[Array], which: Sequence[int] | None = None) -> list[Array]:
-        """Derivatives of `clean` by the model's coordinates and the zeros, per piece (d + nz, nb)."""
+    def jacobian(
+        self, q: Array, base: list[Array], which: Sequence[int] | None = None, among: Sequence[int] | None = None
+    ) -> list[Array]:
+        """Derivatives of `clean` by the model's coordinates and the zeros, per piece (d + nz, nb).
+
+        which: coordinates, among: pieces that they are worked out for; zero for others.
+        """
         n = self.model.dimension + self.zero_mean.size
         chosen = range(n) if which is None else which
+        everything = range(len(self.pieces)) if among is None else among
         h = self.steps(q)
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
         for j in chosen:
-            only = driven if j in self._electrical else None
+            only = [i for i in everything if driven is None or i in driven or j not in self._electrical]
             if j >= self.model.dimension:  # a zero moves its own recording alone
-                only = [i for i, p in enumerate(self.pieces) if p.zero == j - self.model.dimension]
+                only = [i for i in everything if self.pieces[i].zero == j - self.model.dimension]
             moved = q.copy()
             moved[j] += h[j]
             step = h[j]
@@ -257,8 +281,9 @@ class Problem:
             slopes = self.jacobian(q, clean)
         elif with_jacobian and kept is not None:
             slopes = self.jacobian(q, clean, kept.own)
+            grown = np.where(np.isin(kept.others, self.additive[0]), np.exp(q[kept.others] - kept.at), 1.0)
             for own, known in zip(slopes, kept.slopes, strict=True):
-                own[kept.others] = known
+                own[kept.others] = grown[:, None] * known
         total, logdet = self.sums(q, noise, clean, slopes)
         return total, logdet, clean, slopes
 

@@ -12,8 +12,9 @@ import math
 import numpy as np
 
 from ..models.model import Model
+from .descent import bounds, descend
 from .noise_prior import NoisePrior
-from .refit import Fit, bounds, descend, refit
+from .refit import Fit, refit
 from .relocate import with_modes
 from .size import effect_size
 from .weigh import Weighed

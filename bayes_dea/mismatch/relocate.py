@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
+from .descent import bounds, descend, value_at
 from .frame import Frame
 from .noise_prior import NoisePrior
-from .refit import Fit, bounds, descend, refit, value_at
+from .refit import Fit, refit
 
 Array = NDArray[np.float64]
 #: time constants tried, and moduli by the static one: weak and strong

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign import HOLDS
+from .descent import prior_derivatives
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .problem import Problem
 from .prove import offset_and_gain
 from .reduced import Piece, renoded
-from .refit import Fit, inverse, prior_derivatives, refit
+from .refit import Fit, inverse, refit
 from .telling import Tell, silence
 
 Array = NDArray[np.float64]

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
+from .descent import value_at
 from .features import Features
 from .frame import Frame, own_index
 from .grid import Screened, moved_to, screen
 from .hypotheses import extended
 from .laws import laws_of_effect
 from .noise_prior import NoisePrior
-from .refit import Fit, refit, value_at
+from .refit import Fit, refit
 from .relabel import stands_in
 from .relocate import begun_from, relocated
 from .ridge import NARROW, integrated
@@ -33,6 +34,8 @@ _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
 DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 RIVALS = 12.0
+#: nats by which one of several effects has to lead for its ridge not to matter
+_FAR_AHEAD = 50.0
 #: standard error of an evidence from which on it is a grid's
 _DOUBTFUL = 0.4
 #: how often the leading ones are begun again from where they ended, and the nats that this has to bring
@@ -176,6 +179,9 @@ def refined(
     if leading is None or (adequate is not None and leading.fit is not base and not adequate(leading.fit)):
         return out
     top = _hopeful(leading, base)
+    second = max((_hopeful(w, base) for w in out.values() if w is not leading), default=-math.inf)
+    if base.problem.model.spec.effects and top > max(second, base.log_evidence) + _FAR_AHEAD:
+        return out  # what is that much likelier need not be weighed to a nat
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
         if w.fit is base or _hopeful(w, base) < top - RIVALS or own.size > 4:
@@ -248,7 +254,7 @@ def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior) -> We
     A descent that follows a bent valley is damped until its next step promises nothing, far from the end of the valley.
     """
     for _ in range(_AGAIN):
-        again = refit(w.fit.problem, w.fit.q, prior.start(), prior)
+        again = refit(w.fit.problem, w.fit.q, prior.start(), prior, known=w.fit.linearisation)
         if again is None or again.objective > w.fit.objective - _HELPS:
             break
         w = improved(w, base, screened, again)

@@ -14,10 +14,12 @@ import numpy as np
 
 from ..campaign.schema import Campaign
 from .clipped import Limit, below
+from .descent import Linearisation
 from .hypotheses import NONE
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .own_zero import with_zeros
+from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, refit
 
@@ -34,11 +36,31 @@ def contradiction(
     if limit is not None:
         pieces = below(pieces, limit, corrected)
     opened, pieces = with_zeros(corrected, pieces)
-    together = refit(replace(opened.problem, pieces=pieces), opened.q, corrected.noise, prior)
+    problem = replace(opened.problem, pieces=pieces)
+    together = refit(problem, opened.q, corrected.noise, prior, known=_known(opened, problem))
     if together is None:
         return 0.0
     p_value = scan(together, rng).p_value
     return p_value if p_value <= ADEQUATE else None
+
+
+def _known(fit: Fit, problem: Problem) -> Linearisation | None:
+    """What is known at a fit of a problem with more recordings; None where these have coordinates of their own.
+
+    On the recordings that it was fitted to the sensitivities need not be worked out again.
+    """
+    if len(fit.slopes[0]) != problem.model.dimension + problem.zero_mean.size:
+        return None
+    clean = problem.clean(fit.q)
+    if not all(np.isfinite(x).all() for x in clean):
+        return None
+    before = {p.name: i for i, p in enumerate(fit.problem.pieces)}
+    same = {
+        i: before[p.name] for i, p in enumerate(problem.pieces)
+        if p.name in before and np.array_equal(clean[i], fit.clean[before[p.name]])
+    }
+    slopes = problem.jacobian(fit.q, clean, among=[i for i in range(len(clean)) if i not in same])
+    return Linearisation(fit.q, clean, [fit.slopes[same[i]] if i in same else s for i, s in enumerate(slopes)])
 
 
 def to_validate(campaign: Campaign) -> tuple[str, ...]:

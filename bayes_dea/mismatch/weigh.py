@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
+from .descent import bounds, descend
 from .frame import Frame, insert, own_index
 from .grid import Scored, Screened, rings
 from .noise_prior import NoisePrior
 from .problem import Kept
-from .refit import Fit, bounds, descend, refit
+from .refit import Fit, refit
 from .size import effect_size
 
 Array = NDArray[np.float64]
@@ -55,17 +56,18 @@ class Weighed:
 
 
 def refine(
-    base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf
+    base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf,
+    behind: float = HOPELESS,
 ) -> Weighed | None:
     """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide.
 
-    reached: the value (see `Weighed`) of the best so far; None where this one stays `HOPELESS` nats behind it.
+    reached: the value (see `Weighed`) of the best so far; None where this one stays so many nats `behind` it.
     """
     model = screened.model
     problem = base.problem.with_model(model)
     low, high = bounds(problem)
     low, high = low + 1e-9, high - 1e-9
-    above = _hopeless(reached, sum(p.blocks.n for p in problem.pieces))
+    above = _hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind)
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
@@ -73,7 +75,8 @@ def refine(
             start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
             end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above, coarse=True)
             if end is not None:
-                ends.append((end.value, end.q, kept))
+                # what had to work out all sensitivities needs no approach by those of the base
+                ends.append((end.value, end.q, None if end.own else kept))
                 if end.value < point.posterior + HOPELESS:
                     break
     for value, q, kept in sorted(ends, key=lambda e: e[0]):
@@ -96,8 +99,8 @@ def _shifts(point: Scored) -> list[Array | None]:
     return [point.move, *([point.move * (_FAR / length)] if length > _FAR else []), None]
 
 
-def _hopeless(reached: float, n: int) -> float:
-    """The value above which a fit to n blocks stays HOPELESS nats behind another, whatever its noise grows to.
+def _hopeless(reached: float, n: int, behind: float) -> float:
+    """The value above which a fit to n blocks stays so many nats behind another, whatever its noise grows to.
 
     With its sd scaled to the misfit v, normal noise makes n/2 (1 + log(2 v/n)) of it.
     """
@@ -105,7 +108,7 @@ def _hopeless(reached: float, n: int) -> float:
         return math.inf
     half = 0.5 * max(n, 1)
     grown = reached if reached < half else half * (1.0 + math.log(reached / half))
-    grown += HOPELESS
+    grown += behind
     return grown if grown < half else half * math.exp(grown / half - 1.0)
 
 
@@ -122,7 +125,7 @@ def _kept(fit: Fit, model: Model) -> Kept:
     before = fit.problem.model
     zeros = np.arange(fit.problem.zero_mean.size)
     others = np.concatenate([[names.index(n) for n in before.priors.names], model.dimension + zeros]).astype(np.int64)
-    return Kept(tuple(int(i) for i in own), others, fit.slopes)
+    return Kept(tuple(int(i) for i in own), others, fit.q[: others.size], fit.slopes)
 
 
 def escape(base: Fit, screened: Screened, found: Weighed, prior: NoisePrior) -> Weighed:

@@ -5,7 +5,7 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.assemble import assemble
-from bayes_dea.mismatch import refit as refitting
+from bayes_dea.mismatch import descent
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.reduced import reduce_campaign
@@ -20,7 +20,7 @@ def _end(effects, coarse):
     problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
     middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
     q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
-    end = refitting.descend(problem, q, prior.start(), *refitting.bounds(problem), 60, 0.05, None, coarse=coarse)
+    end = descent.descend(problem, q, prior.start(), *descent.bounds(problem), 60, 0.05, None, coarse=coarse)
     assert end is not None
     return end, end.value - 0.5 * sum(p.blocks.n for p in problem.pieces)
 
