@@ -22,8 +22,9 @@ from scipy.stats import chi2, qmc
 
 from ..errors import InputError
 from ..fit.mixture import Mixture, fit_mixture, joined
+from .descent import Linearisation, bounds, descend
 from .frame import Frame
-from .refit import Fit, bounds, descend, inverse
+from .refit import Fit, inverse
 from .telling import Tell, silence
 from .weigh import widths_of
 
@@ -37,6 +38,8 @@ _LEAST = 5.0
 _POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 128, 128), 120.0, 25.0
 #: effective draws a parameter that the next proposal is fitted to, draws made of them, least variance of a component
 _FITTED, _RESAMPLED, _FLOOR = 10, 1000, 0.01
+#: share of effective draws from which on a posterior is the normal that it seemed, and draws of that
+_NORMAL, _DRAWN = 0.95, 1024
 #: how often the rest is moved again for a draw, and what (nats) another move may seem to gain without being made
 _CORRECTIONS, _STRAIGHT = 4, 1.0
 #: where that does not do, the rest is fitted anew: for draws that may come so near (nats) to the best, so many times,
@@ -141,9 +144,21 @@ def posterior(
         return None
     pool = None
     for pool in _rounds(fit, own, root, _POSTERIOR_ROUNDS, rng, tell, arms=True):
+        if len(pool.proposals) == 1 and _as_normal(pool, fit.q[own], root) > _NORMAL:
+            z = _even_points(rng, _DRAWN, own.size)[0]
+            return fit.q[own] + z @ root.T, np.full(_DRAWN, 1.0 / _DRAWN)
         if pool.effective() >= _ENOUGH:
             break
     return None if pool is None or pool.effective() < _SOME else (pool.theta, pool.share())
+
+
+def _as_normal(pool: _Pool, centre: Array, root: Array) -> float:
+    """Share of its draws that a normal (centre (k,), root (k, k)) would have as effective ones of the posterior."""
+    z = np.linalg.solve(root, (pool.theta - centre).T)
+    log_normal = -0.5 * np.sum(z * z, axis=0)
+    drawn = pool.log_w - pool.log_p + log_normal  # what a draw counts for the normal
+    beside = pool.log_p - log_normal
+    return float(np.exp(2.0 * logsumexp(drawn + beside) - logsumexp(drawn) - logsumexp(drawn + 2.0 * beside)))
 
 
 class _Place:
@@ -205,7 +220,8 @@ class _Place:
         low, high = bounds(self.fit.problem)
         q = np.clip(q, low, high)
         low[self.own] = high[self.own] = q[self.own]
-        end = descend(self.fit.problem, q, self.fit.noise, low, high, _DESCENT, 0.1, None)
+        near = self.fit.linearisation
+        end = descend(self.fit.problem, q, self.fit.noise, low, high, _DESCENT, 0.1, None, known=near)
         if end is None:
             return None
         return _Place(replace(self.fit, q=end.q, clean=end.clean, slopes=end.slopes), self.own)
@@ -299,13 +315,14 @@ def _arms(ridge: _Ridge, own: NDArray[np.int64], along: NDArray[np.int64]) -> Mi
         for sign in (-1.0, 1.0):
             arm = [top]
             q, step, went, depth = fit.q, _FIRST_STEP * math.sqrt(fit.covariance[i, i]), 0.0, 0.0
+            near = fit.linearisation
             for _ in range(_STEPS):
                 x = min(max(q[i] + sign * step, low[i] + margin[i]), high[i] - margin[i])
                 if sign * (x - q[i]) <= margin[i]:
                     break
                 a, b = low + margin, high - margin
                 a[i] = b[i] = x
-                end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.1, None)
+                end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.1, None, known=near)
                 if end is None or end.value > ridge.least + _DEEP:
                     if step < went or depth > _FLAT:
                         break
@@ -318,6 +335,7 @@ def _arms(ridge: _Ridge, own: NDArray[np.int64], along: NDArray[np.int64]) -> Mi
                 arm.append(place)
                 ridge.places.append(_Place(replace(fit, q=end.q, clean=end.clean, slopes=end.slopes), own))
                 q, step, went, depth = end.q, 2.0 * step, step, end.value - ridge.least
+                near = Linearisation(end.q, end.clean, end.slopes)
             found += [*arm[1:], *_bent(arm, j)]
     kept = [(centre, root) for centre, c in found if (root := _root(c)) is not None]
     centres, roots = (np.array(x) for x in zip(*kept, strict=True))
