@@ -19,7 +19,7 @@ from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
 from .likelihood.plant_group import build_plant_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
-from .likelihood.prepare import Prepared, prepare_all, rate_classes
+from .likelihood.prepare import Prepared, prepare_all, rate_classes, rested
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
 from .models.model import Model, build_model
 from .noise.edges import input_noise
@@ -220,7 +220,7 @@ def _disturbances(p: Prepared) -> list[str]:
 
 def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[str, NoiseTerms]:
     largest = max(p.signal() for p in prepared)
-    quiet = float(np.median([p.quiet_sd for p in prepared]))
+    quiet = float(np.median([p.quiet_sd for p in rested(prepared)]))
     out = {}
     for p in prepared:
         out[p.name] = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet)
@@ -233,7 +233,7 @@ def _force_terms(
 ) -> tuple[dict[str, NoiseTerms], dict[str, float]]:
     """Noise terms of the forces, and the variance that the scatter of the position adds to a sample."""
     largest = max(p.signal() for p in prepared)
-    quiet = float(np.median([p.quiet_sd for p in prepared]))
+    quiet = float(np.median([p.quiet_sd for p in rested(prepared)]))
     stated = campaign.sensors.get("position", Sensor())
     stiffness = float(np.median([_stiffness(p) for p in prepared]))
     travel = max(
@@ -268,10 +268,11 @@ def _channel(
     # a rate at which nothing is fitted has no rho of its own: it takes that of the nearest rate
     rates = rate_classes(tuple(fitted))
     first = terms[fitted[0].name]
-    sd = float(np.median([p.quiet_sd for p in fitted]))
+    sd = float(np.median([p.quiet_sd for p in rested(fitted, prepared)]))
     guess = []
     for i in range(len(rates.steps_s)):
-        members = [p.quiet_rho for p in fitted if rates.of(p) == i and np.isfinite(p.quiet_rho)]
+        ours, all_of_them = ([p for p in some if rates.of(p) == i] for some in (fitted, prepared))
+        members = [p.quiet_rho for p in rested(ours, all_of_them) if np.isfinite(p.quiet_rho)]
         guess.append(float(np.median(members)) if members else 0.0)
     if sd > 2.5 * first.sigma_median or sd < first.sigma_median / 2.5:
         warnings.append(

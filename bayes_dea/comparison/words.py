@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ..likelihood.prepare import rested
 from .kept import Done
 from .questions import DECIDES_NATS, DECIDES_SE
 
@@ -169,7 +170,8 @@ def _misfit(d: Done) -> tuple[float, float, str] | None:
     posterior = d.fit.posterior
     for c in posterior.channels:
         sigma = float(posterior.noise_part(d.fit.x[None], c.channel)[0][0])
-        quiet = [p.quiet_sd for p in d.fit.assembled.prepared if p.channel == c.channel and p.quiet_sd > 0]
+        members = rested([p for p in d.fit.assembled.prepared if p.channel == c.channel])
+        quiet = [p.quiet_sd for p in members if p.quiet_sd > 0]
         if quiet and sigma > 1.3 * sorted(quiet)[len(quiet) // 2]:
             return sorted(quiet)[len(quiet) // 2], sigma, c.unit
     return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ..noise.mains import Mains
 
 CHANNELS = {"displacement_m": "displacement", "force_N": "force"}
+#: readings at rest that say how large the noise is and how correlated (to 3 %, and to 0.05)
+_AT_REST = 512
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Prepared:
     mains: Mains | None
     quiet_sd: float
     quiet_rho: float
+    quiet_n: int = 0  # readings at rest that the two are from; without any they are those of white noise
 
     @property
     def name(self) -> str:
@@ -83,6 +86,20 @@ class Prepared:
         return out
 
 
+def rested(prepared: Sequence[Prepared], others: Sequence[Prepared] = ()) -> list[Prepared]:
+    """Those that tell the noise because they were at rest for long enough; else for a while; else those of `others`.
+
+    All where none was at rest. A wave that begins at once tells what noise scatters by from reading to reading: of
+    correlated noise that is half and less.
+    """
+    for some in (prepared, others):
+        for least in (_AT_REST, 1):
+            found = [p for p in some if p.quiet_n >= least]
+            if found:
+                return found
+    return list(prepared)
+
+
 def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     """Masks, mains line and quiet noise of one recording.
 
@@ -120,7 +137,7 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     quiet = quiet_noise(clean, drive, recording.time_s)
     mains = find_mains(clean, recording.time_s, drive)
     masked = int(np.count_nonzero(dropouts))
-    return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho)
+    return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n)
 
 
 def prepare_all(

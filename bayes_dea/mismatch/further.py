@@ -86,9 +86,12 @@ def beside(
 
 def widened(
     pair: Weighed, base: Fit, model: Model, names: list[str], prior: NoisePrior, overrides: Mapping[str, object],
-    say: Report,
+    say: Report, reached: float = math.inf,
 ) -> list[Weighed]:
-    """A hypothesis with an effect that contains one of its own in its place, looked for from where it stands."""
+    """A hypothesis with an effect that contains one of its own in its place, looked for from where it stands.
+
+    reached: the value (see `Weighed`) of what is known already; what stays far behind it is given up.
+    """
     out = []
     for wide, narrow in CONTAINS.items():
         if narrow not in pair.effects or wide in pair.effects or wide not in names:
@@ -103,7 +106,7 @@ def widened(
             Frame(plain), others, wide, model, overrides, sparse=False, series_ohm=pair.fit.values().get("R_s_ohm")
         )
         for s in screened:
-            w = refine(plain, s, prior, 2)
+            w = refine(plain, s, prior, 2, min(pair.value, reached), _FAR_BEHIND)
             if w is not None:
                 # the grid around a place that is not its own maximum says little of the evidence
                 w = of_laws(replace(w, log_evidence=w.fit.log_evidence), screened)
@@ -129,6 +132,9 @@ def beside_the_second(
     # what the grid promises is compared with what it promises for the one that was found, not with what that reached
     least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)
     likely = [s for s in sorted(found, key=lambda s: -s.gain) if s.effects != pair.effects and s.gain > max(least, 1.0)]
+    # what contains the one found first is looked for from there (`widened`)
+    wide = [n for n, narrow in CONTAINS.items() if narrow in pair.effects and narrow not in alone.effects]
+    likely = [s for s in likely if not set(wide) & set(s.effects)]
     likely = [s for s in found if s.effects == pair.effects and _elsewhere(s, pair, alone)] + likely[:_IN_PLACE]
     out = []
     for k, s in enumerate(likely):
@@ -154,6 +160,13 @@ def _elsewhere(s: Screened, pair: Weighed, alone: Weighed) -> bool:
     return off[0] > max(_FAR, _FARTHER * min(off))
 
 
+def _puts_back(narrow: Weighed, w: Weighed) -> bool:
+    """Whether an effect of `w` is the one that contains another one of `narrow`, all else being the same."""
+    return any(
+        a in narrow.effects and set(w.effects) == {wide, *narrow.effects} - {a} for wide, a in CONTAINS.items()
+    )
+
+
 def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
     """An explanation with the mode idle that stands in for something else, which can then be looked for beside it.
 
@@ -175,19 +188,45 @@ def beside_the_leader(
     both leave, is tried first; what is dear has to be tried with everything only where that leaves something.
     thoughts: see `second_thoughts`.
     """
+    first = _narrowest(first, weighed)
     quick = _quick_one(first, weighed, prior)
     found = beside(quick, model, names, prior, overrides, say, rng, adequate)
     if quick is first:
         return first, found
-    # what only a grid has weighed has no fit of its own to be judged by
-    top = max((w for w in found if w.refitted), key=lambda w: w.log_evidence, default=quick)
+    if not adequate(_top(found, quick).fit):
+        # another one that is as good alone may be the right one beside what helps here
+        others = [w for w in weighed if not DEAR.intersection(w.effects)]
+        found += in_place_of_the_first(quick, found, others, model, names, prior, overrides, say, rng)
+    top = _top(found, quick)
     if {FURTHER, *COUNTED}.intersection(top.effects) and not adequate(top.fit):
         # a mode of the base may stand in for what is hidden, or friction have other elements
         top = thoughts(top)
         found.append(top)
     if adequate(top.fit):
         return quick, found
-    return first, found + beside(first, model, names, prior, overrides, say, rng, adequate)
+    reached = min((w.value for w in found), default=math.inf)
+    return first, found + beside(first, model, names, prior, overrides, say, rng, adequate, reached=reached)
+
+
+def _top(found: Sequence[Weighed], otherwise: Weighed) -> Weighed:
+    """The likeliest; what only a grid has weighed has no fit of its own to be judged by."""
+    return max((w for w in found if w.refitted), key=lambda w: w.log_evidence, default=otherwise)
+
+
+def _contains(wide: Weighed, narrow: Weighed) -> bool:
+    """Whether a single effect is another one at an end of its parameters."""
+    return len(wide.effects) == 1 and (CONTAINS.get(wide.effects[0]),) == narrow.effects
+
+
+def _narrowest(first: Weighed, weighed: Sequence[Weighed]) -> Weighed:
+    """The effect that a single one contains, where it explains as much but for what is little beside a further effect.
+
+    What it lacks is looked for once there is another effect (`widened`).
+    """
+    found = [
+        w for w in weighed if _contains(first, w) and w.refitted and w.log_evidence > first.log_evidence - RIVALS
+    ]
+    return max(found, key=lambda w: w.log_evidence, default=first)
 
 
 def _quick_one(first: Weighed, weighed: Sequence[Weighed], prior: NoisePrior) -> Weighed:
@@ -233,8 +272,11 @@ def in_place_of_the_first(
         if w.log_evidence > top - RIVALS
     ]
     reached = min((w.value for w in pairs), default=math.inf)
+    known = {w.effects for w in pairs}
     for other in alike:
-        rest = [n for n in seconds if n not in other.effects]
+        if _contains(other, first):
+            continue  # a pair of that is looked for from the pair of this (`widened`)
+        rest = [n for n in seconds if n not in other.effects and together(other.effects, n) not in known]
         start = freed(other, prior) if free else None
         if start is None:
             out += beside(other, model, rest, prior, overrides, say, rng, reached=reached)
@@ -273,10 +315,11 @@ def second_thoughts(
         if alone is None:
             continue
         out.append(alone)
-    narrow_ones = list(out) if len(w.effects) > 2 else []
+    # put back into what is here already nothing is learned
+    narrow_ones = [t for t in out if not _puts_back(t, w)] if len(w.effects) > 2 else []
     if len(w.effects) == 2 and set(w.effects) & set(CONTAINS.values()) and explains is not None and explains(w.fit):
         narrow_ones = [w]
-    out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say)]
+    out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say, w.value)]
     if len(w.effects) == 2 and len(out) > 1:
         second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled
+from ..likelihood.prepare import rested
 from .whitening import Noise
 
 #: relative accuracy of sigma, absolute one of atanh rho, that quiet stretches are trusted to
 SIGMA_LOG_SD = 0.01
 RHO_SD = 0.015
+#: the same where nothing was at rest
+UNSEEN_LOG_SD, UNSEEN_RHO_SD = 0.3, 0.4
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,12 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
     """From the quiet stretches of all recordings, pooled by channel and sampling rate."""
     log_sigma, atanh_rho = {}, {}
     for c in assembled.posterior.channels:
-        members = [p for p in assembled.prepared if p.channel == c.channel]
+        members = rested([p for p in assembled.prepared if p.channel == c.channel])
+        if not any(p.quiet_n for p in members):
+            # nothing was at rest: what was taken for white noise need not be
+            log_sigma[c.channel] = (math.log(c.sigma_guess), UNSEEN_LOG_SD)
+            atanh_rho[c.channel] = tuple((math.atanh(r), UNSEEN_RHO_SD) for r in c.rho_guess)
+            continue
         # a clipped sensor may stand still to the last digit: that says nothing of the others
         levels = [math.log(p.quiet_sd) for p in members if p.quiet_sd > 1e-3 * c.sigma_guess]
         log_sigma[c.channel] = (math.log(c.sigma_guess), _spread(levels, SIGMA_LOG_SD))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign import HOLDS
-from .descent import prior_derivatives
+from .descent import Linearisation, bounds, descend, prior_derivatives
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .problem import Problem
@@ -30,6 +30,8 @@ _WRONG_HOLD, _MIXED_IN = 0.01, 0.01
 _LEAST_LEFT = 3
 #: squares of residuals a block that no refit without one recording brings down to noise
 _HOPELESS_CHI2 = 3.0
+#: steps of a refit without one after which it has to leave no more than so many sds of noise's own squares
+_FEW, _TOO_MUCH = 4, 3.0
 #: a recording of another actuator differs from the others by this share at least
 _DIFFERENT = 0.02
 
@@ -92,7 +94,7 @@ def odd_one_out(
         rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
         if _expected_chi2(fit, rest, i, prior) > _HOPELESS_CHI2:
             continue
-        others = refit(rest, fit.q, prior.start(), prior, max_steps=12, coarse=True)
+        others = _refitted(fit, rest, i, prior)
         if others is None or _chi2(others) > 1.5 or scan(others, rng).p_value < ADEQUATE:
             continue
         ratio, se = _ratio(others, pieces[i])
@@ -108,17 +110,33 @@ def odd_one_out(
     return out
 
 
+def _refitted(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
+    """The fit of the other recordings; None where a few steps leave more than noise, however large that has grown."""
+    known = Linearisation(fit.q, _but(fit.clean, left_out), _but(fit.slopes, left_out))
+    low, high = bounds(rest)
+    end = descend(rest, fit.q, prior.start(), low + 1e-9, high - 1e-9, _FEW, 1.0, None, coarse=True, known=known)
+    if end is None:
+        return None
+    n = sum(p.blocks.n for p in rest.pieces)
+    left = 0.5 * (float(rest.sums(end.q, fit.noise, end.clean, [])[0][0, 0]) - n)
+    if left > _TOO_MUCH * math.sqrt(0.5 * n):
+        return None
+    near = Linearisation(end.q, end.clean, end.slopes, exact=False)
+    return refit(rest, end.q, prior.start(), prior, max_steps=12, coarse=True, known=near)
+
+
 def _expected_chi2(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> float:
     """Squares of whitened residuals a block of the other recordings after one step by slopes; no simulation."""
 
-    def others(columns: list[Array]) -> list[Array]:
-        return [c for j, c in enumerate(columns) if j != left_out]
-
-    gram, _ = rest.sums(fit.q, prior.start(), others(fit.clean), others(fit.slopes))
+    gram, _ = rest.sums(fit.q, prior.start(), _but(fit.clean, left_out), _but(fit.slopes, left_out))
     _, gradient, curvature = prior_derivatives(rest, fit.q)
     g = gradient - gram[0, 1:]
     gain = float(g @ inverse(gram[1:, 1:] + curvature) @ g)
     return (float(gram[0, 0]) - gain) / sum(p.blocks.n for p in rest.pieces)
+
+
+def _but(columns: list[Array], left_out: int) -> list[Array]:
+    return [c for j, c in enumerate(columns) if j != left_out]
 
 
 def _chi2(fit: Fit) -> float:

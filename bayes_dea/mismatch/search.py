@@ -22,7 +22,7 @@ from .refit import Fit, refit
 from .relabel import stands_in
 from .relocate import begun_from, relocated
 from .ridge import NARROW, integrated
-from .slow_start import LIMITS, slow_start
+from .slow_start import LIMITS, driven_start, slow_start
 from .weigh import HOPELESS, Weighed, escape, excess, improved, refine, widths_of
 
 Array = NDArray[np.float64]
@@ -63,10 +63,10 @@ def typical(base: Fit) -> Array:
 
 
 def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
-    """Where the base may be moved along from: its maximum, and its fit to what is slow."""
-    slow = slow_start(base, looks, prior, [typical(base)])
+    """Where the base may be moved along from: its maximum, and its fits to what is slow and to what a voltage drove."""
+    others = slow_start(base, looks, prior, [typical(base)]), driven_start(base, prior, [typical(base)])
     quiet = prior.start()  # the noise of a wrong model has grown
-    return [Frame(replace(f, noise=quiet)) for f in (base, slow) if f is not None]
+    return [Frame(replace(f, noise=quiet)) for f in (base, *others) if f is not None]
 
 
 def on_grids(

@@ -8,6 +8,9 @@ what it is meant for; hypotheses are tried from there as well.
 
 Low: what lies in the lower half of the range. A limit of the sensor or of the supply cuts the upper half off, and a
 model fitted to that is bent beyond what a search by slopes straightens again.
+
+Driven: what was driven by a voltage. A press goes through five times the strain that a voltage does: a law that
+stiffens with strain, which the voltage recordings hardly show, is millions of nats there, and drives all else away.
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ from .refit import Fit, refit
 _SETTLED_S, _SLOW_HZ = 0.15, 0.5
 #: a start is worth its cost where the base's own fit on the slow blocks is worse by this many nats
 _WORTH = 5.0
-
+#: the same where another law of the material may have driven it off in the recordings of forces
+_DRIVEN_OFF = 300.0
 
 #: effects that are tried from the low part as well
 LIMITS = ("supply_saturation", "sensor_clipping")
@@ -65,7 +69,20 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
     return _partial(base, pieces, prior, starts)
 
 
-def _partial(base: Fit, pieces: list[Piece], prior: NoisePrior, starts: list[np.ndarray]) -> Fit | None:
+def driven_start(base: Fit, prior: NoisePrior, starts: list[np.ndarray]) -> Fit | None:
+    """The base refitted to what a voltage drove, its sensitivities on all blocks; None where that is no other fit.
+
+    None also without recordings of both kinds. starts: coordinates (d,) to begin from besides the base's own.
+    """
+    pieces = [p for p in base.problem.pieces if p.channel == "displacement"]
+    if not 0 < len(pieces) < len(base.problem.pieces):
+        return None
+    return _partial(base, pieces, prior, starts, _DRIVEN_OFF)
+
+
+def _partial(
+    base: Fit, pieces: list[Piece], prior: NoisePrior, starts: list[np.ndarray], worth: float = _WORTH
+) -> Fit | None:
     problem = replace(base.problem, pieces=tuple(pieces))
     found = [refit(problem, q, base.noise, prior, fit_noise=False) for q in (base.q, *starts)]
     fits = [fit for fit in found if fit is not None]
@@ -76,7 +93,7 @@ def _partial(base: Fit, pieces: list[Piece], prior: NoisePrior, starts: list[np.
     here = (
         -float(base.problem.log_prior(base.q)[0]) + 0.5 * float(gram[0, 0]) + 0.5 * logdet + prior.minus_log(base.noise)
     )
-    if here - best.objective < _WORTH:
+    if here - best.objective < worth:
         return None
     _, _, clean, slopes = base.problem.gram(best.q, base.noise)
     return replace(base, q=best.q, clean=clean, slopes=slopes)

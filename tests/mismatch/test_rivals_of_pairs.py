@@ -72,9 +72,9 @@ def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(mon
     """A mass that rings beyond what is sampled does what a lag does, and is dear beside anything else."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate):
+    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
         asked.append(best.effects)
-        left = {"sensor_lag": lag_leaves, "inertia": 0.0}[best.effects[0]]
+        left = lag_leaves if best.effects == ("sensor_lag",) else 0.0
         return [Stub((*best.effects, "leakage"), 300.0 - left, left), Stub((*best.effects, "sensor_drift"), 1.0, 400.0)]
 
     monkeypatch.setattr(further, "beside", beside)
@@ -95,6 +95,10 @@ def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(mon
     # what leaves something beside the lag as well may be a mass after all
     lag_leaves = 50.0
     assert begun(mass, lag) == ("inertia", [("sensor_lag",), ("inertia",)], of_lag + of_mass)
+    # or another one that is as good alone does what the lag does not, beside what helps the lag
+    damper = Stub(("parallel_damper",), 9.0, 491.0)
+    of_damper = [("parallel_damper", "leakage"), ("parallel_damper", "sensor_drift")]
+    assert begun(mass, lag, damper) == ("sensor_lag", [("sensor_lag",), ("parallel_damper",)], of_lag + of_damper)
     # one that is behind by more than a quarter of what is left, or was never fitted, takes nobody's place
     alone = ("inertia", [("inertia",)], of_mass)
     assert begun(mass, Stub(("sensor_lag",), -10.0, 510.0)) == alone
@@ -106,7 +110,7 @@ def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(mon
 def test_a_mode_that_stands_in_beside_what_is_quick_is_looked_behind_before_what_is_dear(monkeypatch):
     asked, thought_of = [], []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate):
+    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
         asked.append(best.effects)
         on_grid = Stub((*best.effects, "fractional_relaxation"), 900.0, 0.0, refitted=False)
         return [Stub((*best.effects, "extra_relaxation_mode"), 200.0, 300.0), on_grid]

@@ -1,5 +1,7 @@
 """An effect that contains another one of an explanation, looked for in its place."""
 
+from dataclasses import dataclass
+
 import pytest
 from concealed_campaigns import concealed
 
@@ -33,3 +35,18 @@ def test_a_leak_is_found_where_a_resistance_did_its_work():
     # where it is no candidate, or is there already, nothing is looked for
     assert further.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
     assert further.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []
+
+
+def test_what_would_be_put_back_into_what_is_known_is_not_looked_for():
+    """Of leak, softening and drift the resistance in the leak's place leads back to the leak; one without drift not."""
+
+    @dataclass(frozen=True)
+    class Stub:
+        effects: tuple[str, ...]
+
+    leak = Stub(("leakage", "amplitude_softening", "sensor_drift"))
+    assert further._puts_back(Stub(("series_resistance", "amplitude_softening", "sensor_drift")), leak)
+    assert not further._puts_back(Stub(("series_resistance", "amplitude_softening")), leak)
+    assert not further._puts_back(Stub(("amplitude_softening", "sensor_drift")), leak)
+    both = Stub(("series_resistance", "supply_dead_zone", "amplitude_softening"))
+    assert not further._puts_back(Stub(("series_resistance", "amplitude_softening")), both)
