@@ -32,6 +32,9 @@ SHARES = {"none": 0.25, "single": 0.5, "unknown": 0.15, "pair": 0.1}
 TARGET_STEPS = {"single": (1.3, 200.0), "pair": (5.0, 200.0), "unknown": (5.0, 200.0)}
 #: elements of friction: a distribution of yield strains is filled by few or by many, and no one knows by how many
 FRICTION, ELEMENTS = "rate_independent_hysteresis", (8, 128)
+#: share of the campaigns whose waves begin after little rest, and that rest in s; and of those with a press in which
+#: sizes are those of the voltage recordings: a law may do far more in a press, which goes through five times the strain
+HASTY, RESTS_S, FREE_OF_PRESS = 0.3, (0.005, 0.2), 0.5
 _BRANCHES = {2: 0.1, 3: 0.8, 4: 0.1}
 _TRIES = 12
 
@@ -167,9 +170,22 @@ def _recordings(rng: np.random.Generator) -> tuple[RecordingPlan, ...]:
     return tuple(out)
 
 
+def _hasty(recordings: tuple[RecordingPlan, ...], rng: np.random.Generator) -> tuple[RecordingPlan, ...]:
+    """The same; in some campaigns every wave begins after a rest too short to tell the noise from."""
+    if rng.random() >= HASTY:
+        return recordings
+    rest = _log(rng, *RESTS_S)
+    return tuple(
+        replace(r, protocol=replace(r.protocol, rest_s=float(np.round(rest, 3)), tail_s=float(np.round(rest, 3))))
+        if isinstance(r.protocol, Wave) else r
+        for r in recordings
+    )  # fmt: skip
+
+
 def _plan(seed: int) -> CampaignPlan:
     rng = _rng(seed, 1)
-    base = CampaignPlan("concealed", _recordings(rng), geometry=_geometry(rng), material=_material(rng))
+    recordings = _hasty(_recordings(rng), _rng(seed, 6))
+    base = CampaignPlan("concealed", recordings, geometry=_geometry(rng), material=_material(rng))
     # whether the room is logged must not tell what was left out
     swing = _log(rng, 0.2, 2.0) if rng.random() < 0.2 else 0.0
     return replace(base, faults=_faults(rng, base.sensors.displacement.resolution), temperature_swing_K=swing,
@@ -267,7 +283,7 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
         if "mains_pickup" in names:
             laser = replace(plan.faults.displacement, mains_amplitude=0.0)
             plan = replace(plan, faults=replace(plan.faults, displacement=laser))
-        probe = Probe(plan, seed)
+        probe = Probe(plan, seed, pressed=bool(_rng(seed, 7).random() >= FREE_OF_PRESS))
         largest_V = max(r.protocol.largest_V for r in plan.recordings if isinstance(r.protocol, Creep | Wave))
         context = Context(plan.material, largest_V, probe.largest_m, len(plan.recordings))
         for name in names:

@@ -97,7 +97,9 @@ def _probe(plan: CampaignPlan, recording: RecordingPlan, room: np.random.Generat
 class Probe:
     """Sizes of effects in the campaign of `plan` (whose own effects are passed over), for its material."""
 
-    def __init__(self, plan: CampaignPlan, seed: int = 0) -> None:
+    def __init__(self, plan: CampaignPlan, seed: int = 0, pressed: bool = True) -> None:
+        """pressed: whether steps count where a press acts, too; nats always do."""
+        self._pressed = pressed
         self._plan = replace(plan, effects={})
         self._seed = seed
         self._rows = [_probe(plan, r, stream(seed, "room", r.specimen, r.file)) for r in plan.recordings]
@@ -176,6 +178,7 @@ class Probe:
                               else (sensors.force, faults.force))
             rho = channel.noise_correlation
             rms[rows.recording.file] = value
-            steps = max(steps, value / sheet.resolution if sheet.resolution > 0.0 else np.inf)
+            if self._pressed or self._electric(i):
+                steps = max(steps, value / sheet.resolution if sheet.resolution > 0.0 else np.inf)
             nats += 0.5 * power * (1.0 - rho) / (1.0 + rho)
         return Size(rms, float(steps), float(nats))
