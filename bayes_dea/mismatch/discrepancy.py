@@ -95,11 +95,13 @@ class Discrepancy:
 
 
 def discrepancy(
-    fit: Fit, columns: list[Array], prior: NoisePrior, starts: Sequence[Array] = (), tell: Tell = silence
+    fit: Fit, columns: list[Array], prior: NoisePrior, starts: Sequence[Array] = (), tell: Tell = silence,
+    straight: bool = False,
 ) -> Discrepancy:
     """Evidence of a model with a discrepancy beside it, relative to the fit alone; the model is refitted with it.
 
-    starts: further coordinates to begin from (a model that imitated what was left out has to find back).
+    starts: further coordinates to begin from (a model that imitated what was left out has to find back). straight:
+    nothing is refitted; for what is left by an explanation that is not adequate, whatever its size.
     """
     gains = []
     best = (-math.inf, 0.0)
@@ -110,7 +112,7 @@ def discrepancy(
         tell(k, AMPLITUDES_M.size, f"a discrepancy of {1e6 * a:.1f} um")
         problem = replace(fit.problem, shared=shared, amplitude_m=float(a))
         top, promised = extrapolated(problem, fit, prior)
-        if starts or not promised < _STRAIGHT:
+        if starts or not (straight or promised < _STRAIGHT):
             refits = [
                 refit(problem, q, fit.noise, prior, max_steps=8, fit_noise=False, coarse=True, known=k)
                 for q, k in seeds

@@ -23,6 +23,8 @@ from .weigh import Weighed, excess, refine
 
 #: nats that it has to promise for a second effect beside one that leaves nothing to be seen
 HIDDEN = 8.0
+#: the same for a third effect, which is taken from 5 nats on
+_THIRD = 3.0
 #: nats behind the leading one within which a single effect may be the first of a pair in its place, and how many
 _ALIKE, _PARTNERS = 30.0, 3
 #: the same as a share of the misfit that is left, for one that takes the place of what is dear to simulate
@@ -77,10 +79,13 @@ def beside(
     for k, name in enumerate(rest):
         say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
         found += beside_these(frame, best.effects, name, model, overrides)
-    if max((s.promise for s in found), default=0.0) < least:
+    if max((s.promise for s in found), default=0.0) < max(least, LEAST_GAIN if len(best.effects) < 2 else _THIRD):
         return []
     left = excess(best.fit, prior)
-    weighed = refined(best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached)
+    weighed = refined(
+        best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached,
+        least=LEAST_GAIN if len(best.effects) < 2 else _THIRD,
+    )  # fmt: skip
     return list((weighed or {}).values())
 
 

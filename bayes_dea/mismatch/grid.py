@@ -39,6 +39,8 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: how many times more than the best point of a grid gains (and the least gain in nats that counts) the next one has to
 #: lose for a peak to be looked for between the two, and in how many sections
 _STEEP, _HARDLY, _PEAK_SECTIONS = 10.0, 10.0, 8
+#: how often the vertex of a parabola is looked at, and the share of its width within which it is the point that it has
+_PARABOLAS, _SAME = 2, 1e-3
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
 #: just reached acts on nothing at the coarser points
 _ENDS = (0.1, 0.05, 0.025, 0.012, 0.006, 0.003, 0.0015)
@@ -178,6 +180,8 @@ def screen(
             just_reached(here, frame.value(frame.fit.clean)[0], score)
         elif index.size == 1:
             narrow_peak(here, frame.value(frame.fit.clean)[0], score)
+        if index.size == 1:
+            parabola(here, score)
         if rings(model, index):
             _score_resonances(frame, model, index, added, score)
         scored += here
@@ -263,6 +267,28 @@ def _golden_section(
             b = x2
         else:
             a = x1
+
+
+def parabola(found: Sequence[Scored], score: Callable[[Array], Scored | None], rounds: int = _PARABOLAS) -> None:
+    """Score the vertex of a parabola through the likeliest point and its neighbours; what is scored is kept by `score`.
+
+    What readings follow in a line (a drift, a curvature of the sensor) may be known a hundred times better than the
+    points of a grid are apart: a weak one then lies between zero and the next point, and either looks worse than none.
+    For such an effect the parabola is exact.
+    """
+    for _ in range(rounds):
+        points = sorted(found, key=lambda p: float(p.own[0]))
+        best = min(range(len(points)), key=lambda i: points[i].likelihood, default=0)
+        if not 0 < best < len(points) - 1:
+            return
+        (a, fa), (b, fb), (c, fc) = ((float(p.own[0]), p.likelihood) for p in points[best - 1 : best + 2])
+        left, right = (b - a) * (fb - fc), (b - c) * (fb - fa)
+        if left == right or min(b - a, c - b) <= 0.0:
+            return
+        x = b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right)
+        if not a < x < c or abs(x - b) < _SAME * (c - a):
+            return
+        score(np.array([x]))
 
 
 def narrow_peak(

@@ -28,7 +28,7 @@ from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit
 from .relabel import FURTHER, labellings
-from .search import LEAST_GAIN, REMAINS, Report, frames_of, on_grids, refined, typical
+from .search import LEAST_GAIN, REMAINS, Report, frames_of, on_grids, refined, too_dear, typical
 from .size import effect_size
 from .slow_start import LIMITS, low_start
 from .telling import Tell, silence
@@ -171,6 +171,8 @@ def name_physics(
         enough_alone = best.adequate and gain < 5.0
         if not 1 <= len(best.weighed.effects) < most_effects:
             break
+        if len(best.weighed.effects) > 1 and too_dear(best.weighed.effects):
+            break
         if best.weighed.log_evidence < none.weighed.log_evidence:
             break
         # what seems to be enough may be so with a mode that stands in for a second effect, or hide a weak one
@@ -213,10 +215,16 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
+    if not best.adequate:
+        judged = _but_for_what_is_too_small(best, known, looks, columns, rng, prior, left)
+        none = judged if best is none else none
+        others = [judged if e is best else e for e in others]
+        best = judged
     if best.discrepancy is None:
         # what imitated something that was left out has to find back
         starts = [f.fit.q for f in frames[1:]] if best is none else []
-        best = replace(best, discrepancy=discrepancy(best.weighed.fit, columns, prior, starts, left))
+        beside_it = discrepancy(best.weighed.fit, columns, prior, starts, left, straight=best is not none)
+        best = replace(best, discrepancy=beside_it)
         none = best if best.weighed is none.weighed else none
     evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds)
     total = float(logsumexp(list(log_p.values())))
@@ -227,6 +235,26 @@ def name_physics(
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
     return Naming(none, best, known.weighed, evidence, error, probability, log_p, skipped, labelled, visible)
+
+
+def _but_for_what_is_too_small(
+    best: Explanation, known: Known, looks: list[Features], columns: list[Array], rng: np.random.Generator,
+    prior: NoisePrior, tell: Tell,
+) -> Explanation:
+    """What is left by an explanation, judged beside a further effect that moves less than the sensor resolves.
+
+    Such an effect is not claimed as physics (CONTRACT 1); nor is what it leaves without it a mismatch of no known kind.
+    """
+    effects = set(best.weighed.effects)
+    small = [
+        w for w in known.weighed.values()
+        if effects < set(w.effects) and len(w.effects) == len(effects) + 1 and w.refitted
+        and w.log_evidence > best.weighed.log_evidence and not known.enough(w)
+    ]
+    if not small:
+        return best
+    beside = explain(max(small, key=lambda w: w.log_evidence), looks, columns, rng, prior, tell)
+    return replace(best, scan=beside.scan, discrepancy=beside.discrepancy) if beside.adequate else best
 
 
 def _log_probabilities(

@@ -32,6 +32,8 @@ _LEAST_LEFT = 3
 _HOPELESS_CHI2 = 3.0
 #: steps of a refit without one after which it has to leave no more than so many sds of noise's own squares
 _FEW, _TOO_MUCH = 4, 3.0
+#: share of the least difference of another actuator that has to be seen after them
+_NEARLY = 0.7
 #: a recording of another actuator differs from the others by this share at least
 _DIFFERENT = 0.02
 
@@ -94,11 +96,14 @@ def odd_one_out(
         rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
         if _expected_chi2(fit, rest, i, prior) > _HOPELESS_CHI2:
             continue
-        others = _refitted(fit, rest, i, prior)
+        near = _near(fit, rest, i, prior)
+        if near is None or not _another(*_ratio(near, pieces[i]), _NEARLY):
+            continue
+        others = refit(rest, near.q, prior.start(), prior, max_steps=12, coarse=True, known=near.linearisation)
         if others is None or _chi2(others) > 1.5 or scan(others, rng).p_value < ADEQUATE:
             continue
         ratio, se = _ratio(others, pieces[i])
-        if abs(ratio - 1.0) < max(_DIFFERENT, 5.0 * se):
+        if not _another(ratio, se):
             continue
         # alone it may have any modulus: it starts from where its size lies
         alone = refit(replace(fit.problem, pieces=(pieces[i],)), _scaled(others, ratio), prior.start(), prior)
@@ -110,8 +115,16 @@ def odd_one_out(
     return out
 
 
-def _refitted(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
-    """The fit of the other recordings; None where a few steps leave more than noise, however large that has grown."""
+def _another(ratio: float, se: float, share: float = 1.0) -> bool:
+    """Whether a displacement is so unlike what the others lead to expect that it may be another actuator's."""
+    return abs(ratio - 1.0) >= share * max(_DIFFERENT, 5.0 * se)
+
+
+def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
+    """About the fit of the other recordings, a few steps from one of all.
+
+    None where that leaves more than noise, however large that has grown.
+    """
     known = Linearisation(fit.q, _but(fit.clean, left_out), _but(fit.slopes, left_out))
     low, high = bounds(rest)
     end = descend(rest, fit.q, prior.start(), low + 1e-9, high - 1e-9, _FEW, 1.0, None, coarse=True, known=known)
@@ -121,8 +134,7 @@ def _refitted(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit 
     left = 0.5 * (float(rest.sums(end.q, fit.noise, end.clean, [])[0][0, 0]) - n)
     if left > _TOO_MUCH * math.sqrt(0.5 * n):
         return None
-    near = Linearisation(end.q, end.clean, end.slopes, exact=False)
-    return refit(rest, end.q, prior.start(), prior, max_steps=12, coarse=True, known=near)
+    return replace(fit, problem=rest, q=end.q, clean=end.clean, slopes=end.slopes)
 
 
 def _expected_chi2(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> float:

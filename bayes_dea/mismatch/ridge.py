@@ -93,11 +93,16 @@ class _Pool:
         return _Pool(np.concatenate([self.theta, theta]), np.concatenate([self.log_p, log_p]), drawn)
 
     @cached_property
-    def log_w(self) -> Array:
-        """Log weights (n,)."""
+    def log_q(self) -> Array:
+        """Log density (n,) of all proposals together."""
         total = sum(n for n, _ in self.proposals)
         log_q = logsumexp([math.log(n / total) + q.log_density(self.theta) for n, q in self.proposals], axis=0)
-        return np.asarray(self.log_p - log_q)
+        return np.asarray(log_q)
+
+    @property
+    def log_w(self) -> Array:
+        """Log weights (n,)."""
+        return self.log_p - self.log_q
 
     def share(self, power: float = 1.0) -> Array:
         """Weights (n,), which add up to one; power: below one they are flattened."""
@@ -156,7 +161,7 @@ def _as_normal(pool: _Pool, centre: Array, root: Array) -> float:
     """Share of its draws that a normal (centre (k,), root (k, k)) would have as effective ones of the posterior."""
     z = np.linalg.solve(root, (pool.theta - centre).T)
     log_normal = -0.5 * np.sum(z * z, axis=0)
-    drawn = pool.log_w - pool.log_p + log_normal  # what a draw counts for the normal
+    drawn = log_normal - pool.log_q  # what a draw counts for the normal
     beside = pool.log_p - log_normal
     return float(np.exp(2.0 * logsumexp(drawn + beside) - logsumexp(drawn) - logsumexp(drawn + 2.0 * beside)))
 

@@ -32,10 +32,14 @@ Report = Callable[[str, float, float, str], None]
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
 #: effects that are dear to simulate beside others: what they do bends, or depends on what was before
 DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
+#: the same where they stand before a mass or what remembers: each step has to follow both
+_BEFORE = {"series_resistance", "leakage"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 RIVALS = 12.0
 #: nats by which one of several effects has to lead for its ridge not to matter
 _FAR_AHEAD = 50.0
+#: nats behind its base at which a further effect is not looked around for any more
+_NO_BETTER = 1.0
 #: standard error of an evidence from which on it is a grid's
 _DOUBTFUL = 0.4
 #: how often the leading ones are begun again from where they ended, and the nats that this has to bring
@@ -51,6 +55,15 @@ _SHARE, _SMALL = 0.1, 200.0
 #: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
 #: effect to be looked for: of two that are there the wrong second one takes half and less
 _FINELY, REMAINS = 0.5, 0.7
+
+
+def too_dear(effects: Sequence[str]) -> bool:
+    """Whether two effects together take so long to simulate that a third one is not looked for beside them.
+
+    A tenth of a second, and some thousand times of it.
+    """
+    dear = len(DEAR.intersection(effects))
+    return dear > 1 or (dear == 1 and bool(_BEFORE.intersection(effects)))
 
 
 def typical(base: Fit) -> Array:
@@ -108,6 +121,7 @@ def refined(
     left: float = 0.0,
     adequate: Callable[[Fit], bool] | None = None,
     best: float = math.inf,
+    least: float = LEAST_GAIN,
 ) -> dict[str, Weighed] | None:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
@@ -115,6 +129,7 @@ def refined(
     for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
     adequate: asked of the leading fit; where it says no, another effect will be looked for beside it, and rivals are
     not weighed finely either. best: the value (see `Weighed`) of the best of others, which these have to come near.
+    least: nats that the grid has to promise.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
@@ -122,7 +137,7 @@ def refined(
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(LEAST_GAIN, _SHARE * (left - _SMALL))
+    least = max(least, _SHARE * (left - _SMALL))
     reached, taken = 0.0, 0.0
     for k, s in enumerate(_in_order(base, screened)):
         name = "+".join(s.effects)
@@ -173,7 +188,7 @@ def refined(
                 out[w.name], of[w.name] = w, s
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
     for name, w in out.items():
-        if w.fit is not base and _hopeful(w, base) >= top - RIVALS:
+        if _adds(w, base) and _hopeful(w, base) >= top - RIVALS:
             out[name] = _gone_on(w, base, of[name], prior)
     leading = max(out.values(), key=lambda w: _hopeful(w, base), default=None)
     if leading is None or (adequate is not None and leading.fit is not base and not adequate(leading.fit)):
@@ -263,6 +278,13 @@ def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior) -> We
 
 def _along(say: Report, name: str, done: float, of: float, _text: str) -> None:
     say("along ridges", done, of, name)
+
+
+def _adds(w: Weighed, base: Fit) -> bool:
+    """Whether a refit may be better than its base; beside other effects what is not costs more than it tells."""
+    if w.fit is base:
+        return False
+    return not base.problem.model.spec.effects or _hopeful(w, base) > base.log_evidence - _NO_BETTER
 
 
 def _hopeful(w: Weighed, base: Fit) -> float:

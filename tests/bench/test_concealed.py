@@ -40,7 +40,7 @@ def test_the_actuator_depends_on_the_seed_alone() -> None:
 
 def test_plans_are_as_asked_for() -> None:
     plans = [_plan(seed) for seed in range(300)]
-    mechanical, identified, colours, scales, branches = 0, [], [], [], Counter()
+    mechanical, identified, colours, scales, branches, rests = 0, [], [], [], Counter(), []
     for plan in plans:
         creeps = [r for r in plan.recordings if isinstance(r.protocol, Creep)]
         waves = [r for r in plan.recordings if isinstance(r.protocol, Wave)]
@@ -51,6 +51,8 @@ def test_plans_are_as_asked_for() -> None:
         assert any(r.role == "identify" for r in creeps)
         assert any(r.role == "validate" for r in creeps)
         assert 3 <= sum(r.role == "identify" for r in waves) <= 6
+        assert len({r.protocol.rest_s for r in waves}) == 1
+        rests.append(waves[0].protocol.rest_s)
         identified.append(sum(r.role == "identify" for r in [*creeps, *waves]))
         mechanical += len(plan.recordings) == 15
         laser = plan.faults.displacement
@@ -64,6 +66,10 @@ def test_plans_are_as_asked_for() -> None:
         assert plan.sensors.displacement.resolution == 0.15e-6
     assert 6.0 < np.mean(identified) < 7.0
     assert 0.2 < mechanical / 300 < 0.4
+    hasty = [r for r in rests if r < 0.5]
+    assert 0.2 < len(hasty) / 300 < 0.4
+    assert 0.004 < min(hasty) < 0.02
+    assert 0.1 < max(hasty) <= 0.2
     assert 0.4 < np.mean(np.array(colours) == 0.0) < 0.6
     assert max(colours) <= 0.8
     assert abs(np.mean(scales)) < 0.15
@@ -123,6 +129,21 @@ def probe() -> tuple[CampaignPlan, Probe]:
                               RecordingPlan("r.csv", Wave("rectangle", 1.0, cycles=5.0)),
                               RecordingPlan("s.csv", Wave("sine", 10.0, cycles=50.0))))
     return plan, Probe(plan)
+
+
+def test_half_of_the_presses_do_not_count_for_the_size_aimed_at() -> None:
+    """A stiffening may do several times as much in a press as it was drawn for."""
+    counted, free = 0, []
+    for seed in [s for s in range(60) if len(_plan(s).recordings) == 15][:8]:
+        size = draw_case(seed, "strain_stiffening").sizes["all"]
+        press = max(v for f, v in size.rms.items() if f.startswith(("compression", "relaxation"))) / 1e-3
+        driven = max(v for f, v in size.rms.items() if not f.startswith(("compression", "relaxation"))) / 0.15e-6
+        counted += size.steps == pytest.approx(max(press, driven))
+        if size.steps == pytest.approx(driven) and press > driven:
+            free.append(press / driven)
+    assert counted >= 2
+    assert len(free) >= 2
+    assert max(free) > 4.0
 
 
 def test_sizes_are_what_no_refit_can_mend() -> None:

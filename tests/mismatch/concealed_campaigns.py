@@ -10,20 +10,20 @@ ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6), "force": bd.Sen
             "position": bd.Sensor(0.5e-6, 5e-6, 0.1e-6)}
 
 
-def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=False):
+def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=False, rest_s=0.5):
     """Two creeps and five waves of the bench; effects: name to parameters, as `CampaignPlan.effects`.
 
-    pressed: with a compression to identify and a relaxation to validate.
+    pressed: with a compression to identify and a relaxation to validate. rest_s: before and after each wave.
     """
     role = "validate" if validate else "identify"
     plans = [
         RecordingPlan("creep_1200V.csv", Creep(1200.0, 40.0, 1, 5.0, 5.0), "identify"),
         RecordingPlan("creep_600V.csv", Creep(600.0, 40.0, 1, 5.0, 5.0), "identify"),
-        RecordingPlan("sine_10Hz.csv", Wave("sine", 10.0, cycles=15, rest_s=0.5, tail_s=0.5), "identify"),
-        RecordingPlan("rectangle_1Hz.csv", Wave("rectangle", 1.0, cycles=5, rest_s=0.5, tail_s=0.5), "identify"),
-        RecordingPlan("triangle_1Hz.csv", Wave("triangle", 1.0, cycles=4, rest_s=0.5, tail_s=0.5), "identify"),
-        RecordingPlan("sine_1Hz.csv", Wave("sine", 1.0, cycles=4, rest_s=0.5, tail_s=0.5), role),
-        RecordingPlan("rectangle_10Hz.csv", Wave("rectangle", 10.0, cycles=15, rest_s=0.5, tail_s=0.5), role),
+        RecordingPlan("sine_10Hz.csv", Wave("sine", 10.0, cycles=15, rest_s=rest_s, tail_s=rest_s), "identify"),
+        RecordingPlan("rectangle_1Hz.csv", Wave("rectangle", 1.0, cycles=5, rest_s=rest_s, tail_s=rest_s), "identify"),
+        RecordingPlan("triangle_1Hz.csv", Wave("triangle", 1.0, cycles=4, rest_s=rest_s, tail_s=rest_s), "identify"),
+        RecordingPlan("sine_1Hz.csv", Wave("sine", 1.0, cycles=4, rest_s=rest_s, tail_s=rest_s), role),
+        RecordingPlan("rectangle_10Hz.csv", Wave("rectangle", 10.0, cycles=15, rest_s=rest_s, tail_s=rest_s), role),
     ]
     if pressed:
         plans += [RecordingPlan("compression.csv", Compression(0.1, speed_m_per_s=2e-4, cycles=2), "identify", 50.0),

@@ -139,3 +139,26 @@ def test_a_mode_that_stands_in_beside_what_is_quick_is_looked_behind_before_what
     assert start is softening
     assert asked == [zone.effects, softening.effects]
     assert len(found) == 5
+
+
+def test_beside_a_leak_that_is_hardly_more_than_its_resistance_the_resistance_is_taken(monkeypatch):
+    """The leak costs ten times as much to simulate; where it matters it is put back once there is a pair."""
+    asked = []
+
+    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+        asked.append(best.effects)
+        return [Stub((*best.effects, "inertia"), 300.0, 400.0)]
+
+    monkeypatch.setattr(further, "beside", beside)
+    leak, plain = Stub(("leakage",), 100.0, 900.0), Stub(("series_resistance",), 97.0, 905.0)
+    given = (None, NAMES, None, {}, None, None, lambda fit: False, lambda w: w)
+    start, found = further.beside_the_leader(leak, [leak, plain], *given)
+    assert (start, asked) == (plain, [plain.effects])
+    # nor is it tried as a rival of the first of the pair that was found
+    asked.clear()
+    assert further.in_place_of_the_first(
+        plain, found, [leak, plain, *found], None, NAMES, None, {}, None, np.random.default_rng(0)) == []
+    assert asked == []
+    # a leak that explains clearly more stays what it is
+    start, _ = further.beside_the_leader(leak, [leak, Stub(("series_resistance",), 50.0, 950.0)], *given)
+    assert start is leak

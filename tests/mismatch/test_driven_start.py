@@ -1,0 +1,59 @@
+"""A law that does far more in a press than a voltage shows, searched from what a voltage drove."""
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.assemble import assemble
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.reduced import reduce_campaign
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.search import typical
+from bayes_dea.mismatch.slow_start import driven_start
+from bayes_dea.models.model import build_model
+
+BETA = 150.0
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    return concealed({"strain_stiffening": {"beta": BETA}}, pressed=True)
+
+
+def _base(campaign):
+    model = build_model("hooke+gm3")
+    assembled = assemble(campaign, model)
+    prior = noise_prior(assembled)
+    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
+    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
+    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    return refit(problem, q, prior.start(), prior), prior
+
+
+def test_what_a_voltage_drove_keeps_the_base_where_it_is(pressed):
+    base, prior = _base(pressed)
+    driven = driven_start(base, prior, [typical(base)])
+    assert driven is not None
+    true = {"Y_Pa": 1.2e6}
+    far, near = (abs(np.log(f.values()["Y_Pa"] / true["Y_Pa"])) for f in (base, driven))
+    assert near < 0.15
+    assert far > 0.3  # the premise: the press drives it off
+    assert len(driven.slopes) == len(base.problem.pieces)
+
+
+def test_without_a_press_or_with_nothing_left_out_there_is_no_such_start():
+    base, prior = _base(concealed())
+    assert driven_start(base, prior, [typical(base)]) is None
+    base, prior = _base(concealed(pressed=True))
+    assert driven_start(base, prior, [typical(base)]) is None
+
+
+@pytest.mark.long
+def test_it_is_named_and_measured(pressed):
+    result = diagnose(pressed, "hooke+gm3", seed=1)
+    assert result.verdict == "strain_stiffening"
+    beta = result.summary["hypotheses"][0]["parameters"]["beta"]
+    assert beta["mean"] == pytest.approx(BETA, rel=0.05)
+    assert result.summary["adequacy_p_value"] > 1e-3

@@ -1,0 +1,58 @@
+"""Noise is read where something was at rest: a wave that begins at once takes correlated noise for half of it."""
+
+import math
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.assemble import assemble
+from bayes_dea.likelihood.prepare import rested
+from bayes_dea.mismatch.noise_prior import UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
+from bayes_dea.models.model import build_model
+
+SIGMA, RHO = 4.7e-6, 0.7
+
+
+@pytest.fixture(scope="module")
+def hasty():
+    """Two creeps, and five waves that begin after 10 ms."""
+    return concealed(rho=RHO, rest_s=0.01)
+
+
+def test_few_recordings_at_rest_outweigh_many_that_were_not(hasty):
+    assembled = assemble(hasty, build_model("hooke+gm3"))
+    restless = [p for p in assembled.prepared if p.quiet_n == 0]
+    assert len(restless) >= 4  # the premise: they are more, and say half
+    assert np.median([p.quiet_sd for p in restless]) < 0.7 * SIGMA
+    (channel,) = assembled.posterior.channels
+    assert channel.sigma_guess == pytest.approx(SIGMA, rel=0.03)
+    assert channel.rho_guess[0] == pytest.approx(RHO, abs=0.03)
+    start = noise_prior(assembled).start()
+    assert start.sigma["displacement"] == pytest.approx(channel.sigma_guess)
+
+
+def test_where_nothing_was_at_rest_noise_may_be_something_else(hasty):
+    waves = [r for r in hasty.recordings if not r.name.startswith(("creep", "rectangle"))]
+    assembled = assemble(type(hasty)(**{**vars(hasty), "recordings": tuple(waves)}), build_model("hooke+gm2"))
+    assert not any(p.quiet_n for p in assembled.prepared)
+    prior = noise_prior(assembled)
+    assert prior.log_sigma["displacement"][1] == UNSEEN_LOG_SD
+    assert prior.atanh_rho["displacement"][0][1] == UNSEEN_RHO_SD
+    # the true noise is no far-fetched one then
+    true = prior.coordinates(type(prior.start())({"displacement": SIGMA}, {"displacement": (RHO,)}), "displacement")
+    assert np.all(np.abs(true) < 4.0)
+    assert math.isfinite(prior.minus_log(prior.start()))
+
+
+class Seen:
+    def __init__(self, n):
+        self.quiet_n = n
+
+
+def test_those_at_rest_for_long_come_first_then_others_then_all():
+    long, short, none = Seen(5000), Seen(64), Seen(0)
+    assert rested([none, short, long]) == [long]
+    assert rested([none, short]) == [short]
+    assert rested([none], [short, long, none]) == [long]
+    assert rested([none, none], [none]) == [none, none]
