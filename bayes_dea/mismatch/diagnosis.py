@@ -40,9 +40,10 @@ from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .ridge import posterior
 from .seen import Seen
 from .size import STEP_M
-from .summary import say_clipped, say_odd, summarise
+from .summary import say_clipped, say_odd, say_uneven, summarise
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
+from .uneven import uneven_scatter
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
 
@@ -232,7 +233,9 @@ def _once(
     best = naming.best
     facts = facts_of(best.weighed.fit, seen.pieces, limit, resolution)
     step = sample_step_s(base)
-    verdict, raw, physics, delays = verdict_of(naming, facts, step)
+    # a limit of the sensor cuts off noise as well
+    uneven = uneven_scatter(seen.pieces, resolution) if limit is None else None
+    verdict, raw, physics, delays = verdict_of(naming, facts, step, uneven is not None)
     corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
@@ -264,6 +267,8 @@ def _once(
         ask = first_experiment(base, base.problem.pieces[0].recording.actuator, lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
+    if uneven is not None:
+        notes.append(uneven.note())
     if verdict in delays:
         notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:
@@ -281,6 +286,8 @@ def _once(
     summary["statement"] = " ".join([*(f"{n}." for n in notes), summary["statement"]])
     if seen.odd is not None:
         say_odd(summary["mismatch"], seen.odd, campaign)
+    if uneven is not None:
+        say_uneven(summary["mismatch"], uneven, campaign)
     if clip < math.inf and limit is not None:
         say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
     lap("write")

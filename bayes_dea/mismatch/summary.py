@@ -24,6 +24,7 @@ from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit
 from .reread import Rereading
+from .uneven import Uneven
 from .verdict import Fact, silent
 from .words import silent_note, statement
 
@@ -139,6 +140,17 @@ def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> Non
     what = "of another actuator: left out"
     row = {"recording": odd.odd, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
            "excess": round(excess, 2)}  # fmt: skip
+    mismatch["where"] = [row, *mismatch["where"]]
+
+
+def say_uneven(mismatch: dict[str, Any], uneven: Uneven, campaign: Campaign) -> None:
+    """Put a recording that scatters unlike others into the "mismatch" of a summary."""
+    t = next(r for r in campaign.recordings if r.name == uneven.noisy).time_s
+    mismatch["detected"] = True
+    mismatch["p_value"] = min(mismatch["p_value"], uneven.p_value)
+    what = f"scatters more at rest than {uneven.calm}"
+    row = {"recording": uneven.noisy, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
+           "excess": round(uneven.noisy_m / uneven.calm_m, 2)}  # fmt: skip
     mismatch["where"] = [row, *mismatch["where"]]
 
 

@@ -43,15 +43,19 @@ def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolutio
 
 
 def verdict_of(
-    naming: Naming, facts: list[Fact], step_s: float
+    naming: Naming, facts: list[Fact], step_s: float, uneven: bool = False
 ) -> tuple[str, dict[str, float], dict[str, str], dict[str, float]]:
     """The name that is claimed, the probabilities with what is established joined on, the physics behind each name.
 
     And the shift in s, below one sample, that a name carries unsaid. Claimed is the likeliest one, and none where
-    that is not ruled out (`FALSE_ALARMS`).
+    that is not ruled out (`FALSE_ALARMS`). uneven: recordings scatter unlike each other at rest, which "none" does not
+    explain.
     """
     shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
+    if uneven:
+        left = FALSE_ALARMS * p.get(NONE, 0.0)
+        p = {**p, NONE: left, UNKNOWN: p.get(UNKNOWN, 0.0) + p.get(NONE, 0.0) - left}
     for fact in facts:
         # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out
         for name in list(p):

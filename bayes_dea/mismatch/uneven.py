@@ -1,0 +1,66 @@
+"""Recordings of one sensor that scatter unlike each other where nothing moves.
+
+A ripple of the supply, something that swings, a loose clamp: what is faster than the windows of the search, and no line
+of the mains, looks like noise, and noise that grows with it excuses everything. But a sensor's noise is the same in
+every recording of a campaign; where it is not, something else is in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+
+from .reduced import Piece
+
+#: readings at rest from which on a recording is compared, and the ratio and standard errors that count
+_LEAST, _RATIO, _ERRORS = 4096, 1.4, 8.0
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """Two recordings and what each scatters by at rest (m); p_value of so different ones by chance."""
+
+    noisy: str
+    calm: str
+    noisy_m: float
+    calm_m: float
+    p_value: float
+
+    def note(self) -> str:
+        """One line on it."""
+        return (
+            f"{self.noisy}: scatters by {1e6 * self.noisy_m:.3g} um where its input stands still, {self.calm} by "
+            f"{1e6 * self.calm_m:.3g} um; noise of one sensor does not, so something swings or jumps there that is on "
+            "no list; look at its spectrum at rest"
+        )
+
+
+def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
+    """The most and the least noisy recording of a displacement, where they differ by more than noise may.
+
+    resolution: of the sensor (m): what is less than that is not claimed.
+    """
+    seen = [
+        p.prepared for p in pieces
+        if p.channel == "displacement" and p.prepared.quiet_n >= _LEAST and p.prepared.quiet_sd > 0.0
+    ]
+    if len(seen) < 2:
+        return None
+    order = sorted(seen, key=lambda p: p.quiet_sd)
+    calm, noisy = order[0], order[-1]
+    # of correlated readings fewer are independent
+    rho = float(np.clip(calm.quiet_rho, 0.0, 0.99))
+    error = math.sqrt(sum(0.5 / p.quiet_n for p in (calm, noisy)) * (1.0 + rho**2) / (1.0 - rho**2))
+    ratio = noisy.quiet_sd / calm.quiet_sd
+    more = math.sqrt(noisy.quiet_sd**2 - calm.quiet_sd**2)
+    if ratio < _RATIO or math.log(ratio) < _ERRORS * error or more < resolution:
+        return None
+    p = 0.5 * len(seen) * (len(seen) - 1) * 2.0 * float(norm.sf(math.log(ratio) / error))
+    return Uneven(noisy.name, calm.name, noisy.quiet_sd, calm.quiet_sd, max(min(p, 1.0), 1e-300))
+
+
+__all__ = ["Uneven", "uneven_scatter"]

@@ -1,0 +1,63 @@
+"""What swings faster than the search looks, and is no mains, shows in what recordings scatter by at rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+from test_campaign_faults import with_column
+
+from bayes_dea.assemble import assemble
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.reduced import reduce_campaign
+from bayes_dea.mismatch.uneven import uneven_scatter
+from bayes_dea.models.model import build_model
+
+STEP_M = 0.15e-6
+
+
+def rippled(campaign, amplitude_m):
+    """A ripple of the supply at 12.5 Hz: it moves the stack by V^2."""
+    for r in campaign.recordings:
+        def ripple(y, r):
+            v = np.asarray(r.columns["voltage_V"]) / 1200.0
+            return y + amplitude_m * v**2 * np.sin(2 * np.pi * 12.476 * r.time_s)
+
+        campaign = with_column(campaign, r.name, ripple)
+    return campaign
+
+
+def found(campaign):
+    assembled = assemble(campaign, build_model("hooke+gm3"))
+    return uneven_scatter(reduce_campaign(assembled), STEP_M)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_noise_of_one_sensor_is_the_same_in_every_recording(rho):
+    assert found(concealed(rho=rho)) is None
+    assert found(concealed(rho=rho, seed=2, scale=2.0)) is None
+
+
+def test_a_ripple_is_found_and_said():
+    seen = found(rippled(concealed(rho=0.4), 12e-6))
+    assert seen is not None
+    assert seen.noisy == "creep_1200V.csv"
+    assert seen.p_value < 1e-9
+    assert "creep_1200V.csv: scatters by" in seen.note()
+    # one that the readings cannot show beside their noise is not claimed
+    assert found(rippled(concealed(rho=0.4), 1e-6)) is None
+
+
+@pytest.mark.long
+def test_it_is_unknown_and_not_excused_as_noise():
+    plain = concealed(rho=0.4)
+    s = diagnose(rippled(plain, 12e-6), "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "unknown"
+    assert s["mismatch"]["detected"]
+    assert "scatters by" in s["statement"]
+    assert s["mismatch"]["where"][0]["recording"] == "creep_1200V.csv"
+
+
+def test_too_short_rests_are_not_compared():
+    c = rippled(concealed(), 12e-6)
+    assert found(replace(c, recordings=tuple(r for r in c.recordings if r.name != "creep_600V.csv"))) is None
