@@ -54,7 +54,7 @@ def verdict_of(
     shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
     if uneven:
-        left = FALSE_ALARMS * p.get(NONE, 0.0)
+        left = 0.5 * FALSE_ALARMS * p.get(NONE, 0.0)
         p = {**p, NONE: left, UNKNOWN: p.get(UNKNOWN, 0.0) + p.get(NONE, 0.0) - left}
     for fact in facts:
         # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out

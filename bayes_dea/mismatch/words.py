@@ -50,11 +50,10 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     if verdict == UNKNOWN:
         fix = summary.get("repair", {})
         partial = naming.best.weighed.name
-        text = (
-            f"Something was left out that is not on the list ({confidence}): the mismatch lives "
-            f"in the {fix.get('stage')} stage "
-            f"and goes with {fix.get('acts_on')}."
-        )
+        lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
+        if fix.get("stage") in (None, "unknown"):
+            lives = "its form does not tell in which stage it lives"
+        text = f"Something was left out that is not on the list ({confidence}): {lives}."
         return text + ("" if partial == NONE else f" The best partial explanation is {partial}; it does not mend all.")
     # what the readings show by themselves has its numbers in the hypothesis alone
     values = {k: v["mean"] for k, v in summary["hypotheses"][0]["parameters"].items()}
