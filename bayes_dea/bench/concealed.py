@@ -216,7 +216,12 @@ def _names(rng: np.random.Generator, kind: str | None) -> tuple[str, list[str]]:
     return ("single" if len(names) == 1 else "pair"), [n for n in EFFECTS if n in names]
 
 
-def _strength(name: str, strength: Strength, probe: Probe, target: float) -> tuple[dict[str, float], Size]:
+def _aimed_at(size: Size, free: bool) -> float:
+    """Steps that are aimed at: of what a voltage drove alone where a press does not count."""
+    return size.driven_steps if free else size.steps
+
+
+def _strength(name: str, strength: Strength, probe: Probe, target: float, free: bool) -> tuple[dict[str, float], Size]:
     """Parameters whose size is about `target` steps, within the range of the strength."""
     def measure(s: float) -> tuple[dict[str, float], Size]:
         made = strength.make(s)
@@ -227,7 +232,7 @@ def _strength(name: str, strength: Strength, probe: Probe, target: float) -> tup
     best: tuple[float, dict[str, float], Size] | None = None
     for _ in range(6):
         made, size = measure(float(np.exp(x)))
-        off = float(np.log(max(size.steps, 1e-6) / target))
+        off = float(np.log(max(_aimed_at(size, free), 1e-6) / target))
         if best is None or abs(off) < abs(best[0]):
             best = (off, made, size)
         if abs(off) < 0.15:
@@ -245,20 +250,23 @@ def _strength(name: str, strength: Strength, probe: Probe, target: float) -> tup
 
 
 def _draw_effect(name: str, rng: np.random.Generator, probe: Probe, context: Context, span: tuple[float, float],
-                 resolution_m: float) -> tuple[dict[str, float], Size]:
-    """One effect of a size in `span` (resolution steps); its other parameters are drawn again where none fits."""
+                 resolution_m: float, free: bool) -> tuple[dict[str, float], Size]:
+    """One effect of a size in `span` (resolution steps); its other parameters are drawn again where none fits.
+
+    free: sizes are those of what a voltage drove, whatever a press does.
+    """
     target = _log(rng, *span)
     for _ in range(_TRIES):
         strength = draw_strength(name, rng, context)
         if name == "mains_pickup":
             made = strength.make(_log(rng, strength.low, strength.high))
-            return made, Size({}, made["mains_m"] / resolution_m, 0.0)
+            return made, Size({}, made["mains_m"] / resolution_m, 0.0, made["mains_m"] / resolution_m)
         if strength.searched:
-            made, size = _strength(name, strength, probe, target)
+            made, size = _strength(name, strength, probe, target, free)
         else:
             made = strength.make(_log(rng, strength.low, strength.high))
             size = probe.size({name: made})
-        if size.steps >= 1.0:
+        if _aimed_at(size, free) >= 1.0:
             return made, size
     return made, size
 
@@ -283,12 +291,13 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
         if "mains_pickup" in names:
             laser = replace(plan.faults.displacement, mains_amplitude=0.0)
             plan = replace(plan, faults=replace(plan.faults, displacement=laser))
-        probe = Probe(plan, seed, pressed=bool(_rng(seed, 7).random() >= FREE_OF_PRESS))
+        probe = Probe(plan, seed)
+        free = bool(_rng(seed, 7).random() < FREE_OF_PRESS)
         largest_V = max(r.protocol.largest_V for r in plan.recordings if isinstance(r.protocol, Creep | Wave))
         context = Context(plan.material, largest_V, probe.largest_m, len(plan.recordings))
         for name in names:
             effects[name], sizes[name] = _draw_effect(name, rng, probe, context, TARGET_STEPS[group],
-                                                      plan.sensors.displacement.resolution)
+                                                      plan.sensors.displacement.resolution, free)
         if FRICTION in effects:  # drawn on its own, so that everything else of a seed stays what it was
             effects[FRICTION]["elements"] = float(round(_log(_rng(seed, 5), *ELEMENTS)))
             sizes[FRICTION] = probe.size({FRICTION: effects[FRICTION]})

@@ -49,12 +49,13 @@ class Size:
     """What an effect leaves after the refit: RMS by file in m or N, the largest in resolution steps, and nats.
 
     `nats`: expected gain in log likelihood at the true noise, all recordings together; with correlated noise as if
-    the difference were slow.
+    the difference were slow. `driven_steps`: the largest on a recording that a voltage drove.
     """
 
     rms: Mapping[str, float]
     steps: float
     nats: float
+    driven_steps: float
 
 
 def _creep_rows(time_s: Array, command: Array) -> NDArray[np.intp]:
@@ -97,9 +98,7 @@ def _probe(plan: CampaignPlan, recording: RecordingPlan, room: np.random.Generat
 class Probe:
     """Sizes of effects in the campaign of `plan` (whose own effects are passed over), for its material."""
 
-    def __init__(self, plan: CampaignPlan, seed: int = 0, pressed: bool = True) -> None:
-        """pressed: whether steps count where a press acts, too; nats always do."""
-        self._pressed = pressed
+    def __init__(self, plan: CampaignPlan, seed: int = 0) -> None:
         self._plan = replace(plan, effects={})
         self._seed = seed
         self._rows = [_probe(plan, r, stream(seed, "room", r.specimen, r.file)) for r in plan.recordings]
@@ -167,7 +166,7 @@ class Probe:
         r = self._flat([a - b for a, b in zip(with_them, without, strict=True)])
         r = r - self._A @ np.linalg.solve(self._gram, self._A.T @ r)
         rms: dict[str, float] = {}
-        steps, nats, at = 0.0, 0.0, 0
+        pressed, driven, nats, at = 0.0, 0.0, 0.0, 0
         for i, rows in enumerate(self._rows):
             n = rows.time_s.size
             power = float(np.sum(r[at:at + n] ** 2))
@@ -178,7 +177,10 @@ class Probe:
                               else (sensors.force, faults.force))
             rho = channel.noise_correlation
             rms[rows.recording.file] = value
-            if self._pressed or self._electric(i):
-                steps = max(steps, value / sheet.resolution if sheet.resolution > 0.0 else np.inf)
+            steps = value / sheet.resolution if sheet.resolution > 0.0 else np.inf
+            if self._electric(i):
+                driven = max(driven, steps)
+            else:
+                pressed = max(pressed, steps)
             nats += 0.5 * power * (1.0 - rho) / (1.0 + rho)
-        return Size(rms, float(steps), float(nats))
+        return Size(rms, float(max(pressed, driven)), float(nats), float(driven))

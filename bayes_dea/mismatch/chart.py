@@ -17,8 +17,6 @@ from .problem import Problem
 Array = NDArray[np.float64]
 #: share of itself that is taken away as it stands; beyond, logs go on with the slope that they have there
 _MOST = 0.5
-#: largest change of a logarithm by which sensitivities are scaled
-_FAR = 30.0
 
 
 def moved(problem: Problem, q: Array, step: Array, low: Array, high: Array) -> Array:
@@ -55,9 +53,8 @@ def carried(
     """
     n = len(slopes[0])
     step = (there - q)[:n]
-    growth = np.ones(n)
+    growth = problem.growth(step, np.arange(n))
     index, _ = problem.additive
-    growth[index] = np.exp(np.clip(step[index], -_FAR, _FAR))
     chord = step.copy()
     chord[index] = growth[index] - 1.0
     out = []

@@ -46,6 +46,7 @@ from .timing import sample_step_s, timing_note
 from .uneven import uneven_scatter
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
+from .words import small_note
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -269,6 +270,8 @@ def _once(
     notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
     if uneven is not None:
         notes.append(uneven.note())
+    if explanation.small is not None and verdict != UNKNOWN:
+        notes.append(small_note(explanation.small, explanation.weighed))
     if verdict in delays:
         notes.append(timing_note(delays[verdict], step))
     if verdict != UNKNOWN:

@@ -79,13 +79,13 @@ def beside(
     for k, name in enumerate(rest):
         say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
         found += beside_these(frame, best.effects, name, model, overrides)
-    if max((s.promise for s in found), default=0.0) < max(least, LEAST_GAIN if len(best.effects) < 2 else _THIRD):
+    promised = LEAST_GAIN if len(best.effects) < 2 else _THIRD
+    if max((s.promise for s in found), default=0.0) < max(least, promised):
         return []
     left = excess(best.fit, prior)
     weighed = refined(
-        best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached,
-        least=LEAST_GAIN if len(best.effects) < 2 else _THIRD,
-    )  # fmt: skip
+        best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached, least=promised
+    )
     return list((weighed or {}).values())
 
 
@@ -138,8 +138,8 @@ def beside_the_second(
     least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)
     likely = [s for s in sorted(found, key=lambda s: -s.gain) if s.effects != pair.effects and s.gain > max(least, 1.0)]
     # what contains the one found first is looked for from there (`widened`)
-    wide = [n for n, narrow in CONTAINS.items() if narrow in pair.effects and narrow not in alone.effects]
-    likely = [s for s in likely if not set(wide) & set(s.effects)]
+    wide = {n for n, narrow in CONTAINS.items() if narrow in pair.effects and narrow not in alone.effects}
+    likely = [s for s in likely if not wide.intersection(s.effects)]
     likely = [s for s in found if s.effects == pair.effects and _elsewhere(s, pair, alone)] + likely[:_IN_PLACE]
     out = []
     for k, s in enumerate(likely):

@@ -51,11 +51,12 @@ class Explanation:
     weighed: Weighed
     scan: Scan
     discrepancy: Discrepancy | None = None  # of what is adequate and of the best only: beside a poor fit it is dear
+    small: Weighed | None = None  # it and an effect too small to be claimed, which leave nothing
 
     @property
     def adequate(self) -> bool:
-        """Whether nothing significant is left in its residuals."""
-        return self.scan.p_value > ADEQUATE
+        """Whether nothing significant is left in its residuals, or only what is too small to be claimed."""
+        return self.scan.p_value > ADEQUATE or self.small is not None
 
 
 @dataclass(frozen=True)
@@ -254,7 +255,7 @@ def _but_for_what_is_too_small(
     if not small:
         return best
     beside = explain(max(small, key=lambda w: w.log_evidence), looks, columns, rng, prior, tell)
-    return replace(best, scan=beside.scan, discrepancy=beside.discrepancy) if beside.adequate else best
+    return replace(best, discrepancy=beside.discrepancy, small=beside.weighed) if beside.adequate else best
 
 
 def _log_probabilities(

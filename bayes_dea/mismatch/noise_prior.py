@@ -72,10 +72,12 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
         for j, guess in enumerate(c.rho_guess):
             own = [
                 math.atanh(float(np.clip(p.quiet_rho, -0.999, 0.999)))
-                for p in members
-                if c.rates.of(p) == j and np.isfinite(p.quiet_rho)
+                for p in rested([p for p in assembled.prepared if p.channel == c.channel and c.rates.of(p) == j])
+                if p.quiet_n and np.isfinite(p.quiet_rho)
             ]
-            rhos.append((math.atanh(float(np.clip(guess, -0.995, 0.995))), _spread(own, RHO_SD)))
+            # at a rate at which nothing was at rest it is not known either
+            spread = _spread(own, RHO_SD) if own else UNSEEN_RHO_SD
+            rhos.append((math.atanh(float(np.clip(guess, -0.995, 0.995))), spread))
         atanh_rho[c.channel] = tuple(rhos)
     return NoisePrior(log_sigma, atanh_rho)
 

@@ -30,6 +30,8 @@ from .reduced import Piece, gain_groups
 from .whitening import Noise, Shared, whiten
 
 Array = NDArray[np.float64]
+#: largest change of a logarithm by which sensitivities are scaled
+_FAR = 30.0
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,10 @@ class Problem:
                 index.append(i)
                 sign.append(1.0 if compliance else -1.0)
         return np.array(index, dtype=np.int64), np.array(sign)
+
+    def growth(self, change: Array, which: NDArray[np.int64]) -> Array:
+        """Factors (k,) by which sensitivities grow as coordinates `which` (k,) change: those that are logs of sums."""
+        return np.where(np.isin(which, self.additive[0]), np.exp(np.clip(change, -_FAR, _FAR)), 1.0)
 
     @cached_property
     def undone_by(self) -> Array:
@@ -281,7 +287,7 @@ class Problem:
             slopes = self.jacobian(q, clean)
         elif with_jacobian and kept is not None:
             slopes = self.jacobian(q, clean, kept.own)
-            grown = np.where(np.isin(kept.others, self.additive[0]), np.exp(q[kept.others] - kept.at), 1.0)
+            grown = self.growth(q[kept.others] - kept.at, kept.others)
             for own, known in zip(slopes, kept.slopes, strict=True):
                 own[kept.others] = grown[:, None] * known
         total, logdet = self.sums(q, noise, clean, slopes)

@@ -36,8 +36,6 @@ DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent
 _BEFORE = {"series_resistance", "leakage"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 RIVALS = 12.0
-#: nats by which one of several effects has to lead for its ridge not to matter
-_FAR_AHEAD = 50.0
 #: nats behind its base at which a further effect is not looked around for any more
 _NO_BETTER = 1.0
 #: standard error of an evidence from which on it is a grid's
@@ -194,9 +192,6 @@ def refined(
     if leading is None or (adequate is not None and leading.fit is not base and not adequate(leading.fit)):
         return out
     top = _hopeful(leading, base)
-    second = max((_hopeful(w, base) for w in out.values() if w is not leading), default=-math.inf)
-    if base.problem.model.spec.effects and top > max(second, base.log_evidence) + _FAR_AHEAD:
-        return out  # what is that much likelier need not be weighed to a nat
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
         if w.fit is base or _hopeful(w, base) < top - RIVALS or own.size > 4:

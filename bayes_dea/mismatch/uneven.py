@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
+from ..likelihood.prepare import Prepared
 from .reduced import Piece
 
 #: readings at rest from which on a recording is compared, and the ratio and standard errors that count
@@ -45,22 +46,26 @@ def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
     resolution: of the sensor (m): what is less than that is not claimed.
     """
     seen = [
-        p.prepared for p in pieces
-        if p.channel == "displacement" and p.prepared.quiet_n >= _LEAST and p.prepared.quiet_sd > 0.0
+        p.prepared for p in pieces if p.channel == "displacement" and p.prepared.quiet_n >= _LEAST
     ]
     if len(seen) < 2:
         return None
-    order = sorted(seen, key=lambda p: p.quiet_sd)
+    order = sorted(seen, key=_scatter)
     calm, noisy = order[0], order[-1]
+    low, high = _scatter(calm), _scatter(noisy)
     # of correlated readings fewer are independent
     rho = float(np.clip(calm.quiet_rho, 0.0, 0.99))
     error = math.sqrt(sum(0.5 / p.quiet_n for p in (calm, noisy)) * (1.0 + rho**2) / (1.0 - rho**2))
-    ratio = noisy.quiet_sd / calm.quiet_sd
-    more = math.sqrt(noisy.quiet_sd**2 - calm.quiet_sd**2)
-    if ratio < _RATIO or math.log(ratio) < _ERRORS * error or more < resolution:
+    if low <= 0.0 or high < _RATIO * low or math.sqrt(high**2 - low**2) < resolution:
         return None
-    p = 0.5 * len(seen) * (len(seen) - 1) * 2.0 * float(norm.sf(math.log(ratio) / error))
-    return Uneven(noisy.name, calm.name, noisy.quiet_sd, calm.quiet_sd, max(min(p, 1.0), 1e-300))
+    z = math.log(high / low) / error
+    if z < _ERRORS:
+        return None
+    pairs = 0.5 * len(seen) * (len(seen) - 1)
+    return Uneven(noisy.name, calm.name, high, low, max(min(2.0 * pairs * float(norm.sf(z)), 1.0), 1e-300))
 
 
-__all__ = ["Uneven", "uneven_scatter"]
+def _scatter(p: Prepared) -> float:
+    """Standard deviation at rest (m) without lines of the mains, which are found and named by themselves."""
+    lines = p.mains.lines if p.mains is not None else ()
+    return math.sqrt(max(p.quiet_sd**2 - sum(0.5 * line.amplitude**2 for line in lines), 0.0))

@@ -10,6 +10,7 @@ from ..noise.mains import Mains
 from .hypotheses import MAINS, NONE, UNKNOWN
 from .name import Naming
 from .timing import LAG_NOTE
+from .weigh import Weighed
 
 
 def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str) -> str:
@@ -75,6 +76,15 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     doubt = f" These recordings cannot tell it from {', '.join(others)}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
     return f"{text} ({confidence}).{mended}{doubt}"
+
+
+def small_note(small: Weighed, claimed: Weighed) -> str:
+    """What to say of an effect that takes away what a verdict leaves, and is too small to be claimed."""
+    more = "+".join(n for n in small.effects if n not in claimed.effects)
+    return (
+        f"what {claimed.name} leaves is less than the sensor resolves and therefore not claimed; it looks like {more} "
+        f"of {1e6 * small.size_m:.2g} um"
+    )
 
 
 def silent_note(summary: dict[str, Any]) -> str:

@@ -1,10 +1,17 @@
 """Small campaigns of the virtual bench with something concealed in them."""
 
+import numpy as np
+
 import bayes_dea as bd
+from bayes_dea.assemble import assemble
 from bayes_dea.bench.nuisance import ChannelFaults, Faults
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.simulate import simulate
+from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.reduced import reduce_campaign
+from bayes_dea.models.model import build_model
 
 ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6), "force": bd.Sensor(5e-3, 2e-2, 1e-3),
             "position": bd.Sensor(0.5e-6, 5e-6, 0.1e-6)}
@@ -39,3 +46,12 @@ def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=F
         for s in simulate(plan, seed)
     ]
     return bd.campaign_from_recordings(recordings, ACCURACY, actuator, name="concealed")
+
+
+def problem_of(campaign, model="hooke+gm3"):
+    """What is fitted to the recordings to identify, its noise prior, and coordinates in the middle of the priors."""
+    model = build_model(model)
+    assembled = assemble(campaign, model)
+    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
+    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
+    return problem, noise_prior(assembled), np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])

@@ -4,31 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.assemble import assemble
 from bayes_dea.mismatch import descent
 from bayes_dea.mismatch.chart import carried, moved
 from bayes_dea.mismatch.descent import Linearisation, bounds, descended
-from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Kept, Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.models.model import build_model
-
-
-def _problem(model="hooke+gm3", **keys):
-    """A problem with its noise, and coordinates in the middle of its prior."""
-    model = build_model(model)
-    assembled = assemble(concealed(**keys), model)
-    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
-    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
-    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
-    return problem, noise_prior(assembled), q
 
 
 @pytest.fixture(scope="module")
 def plain():
-    return _problem()
+    return problem_of(concealed())
 
 
 def test_of_two_compliances_the_sum_stays_however_far_a_step_goes(plain):
@@ -61,7 +47,7 @@ def test_what_a_gain_undoes_stays_undone_and_other_coordinates_are_logs(plain):
 
 
 def test_a_step_ends_at_its_bounds():
-    problem, _, q = _problem("hooke+gm3+mullins_softening")
+    problem, _, q = problem_of(concealed(), "hooke+gm3+mullins_softening")
     low, high = bounds(problem)
     i = problem.names.index("log mullins_m_Pa")
     assert np.isfinite(high[i])

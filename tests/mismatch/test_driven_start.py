@@ -2,17 +2,12 @@
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.assemble import assemble
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.search import typical
 from bayes_dea.mismatch.slow_start import driven_start
-from bayes_dea.models.model import build_model
 
 BETA = 150.0
 
@@ -23,12 +18,7 @@ def pressed():
 
 
 def _base(campaign):
-    model = build_model("hooke+gm3")
-    assembled = assemble(campaign, model)
-    prior = noise_prior(assembled)
-    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
-    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
-    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    problem, prior, q = problem_of(campaign)
     return refit(problem, q, prior.start(), prior), prior
 
 

@@ -1,6 +1,7 @@
 """Noise is read where something was at rest: a wave that begins at once takes correlated noise for half of it."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def test_few_recordings_at_rest_outweigh_many_that_were_not(hasty):
 
 def test_where_nothing_was_at_rest_noise_may_be_something_else(hasty):
     waves = [r for r in hasty.recordings if not r.name.startswith(("creep", "rectangle"))]
-    assembled = assemble(type(hasty)(**{**vars(hasty), "recordings": tuple(waves)}), build_model("hooke+gm2"))
+    assembled = assemble(replace(hasty, recordings=tuple(waves)), build_model("hooke+gm2"))
     assert not any(p.quiet_n for p in assembled.prepared)
     prior = noise_prior(assembled)
     assert prior.log_sigma["displacement"][1] == UNSEEN_LOG_SD

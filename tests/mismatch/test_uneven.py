@@ -48,6 +48,18 @@ def test_a_ripple_is_found_and_said():
     assert found(rippled(concealed(rho=0.4), 1e-6)) is None
 
 
+def test_mains_that_only_some_recordings_show_is_named_by_itself():
+    """50 Hz of 12 um in one recording: a line, which is found, and not uneven noise."""
+    def hum(y, r):
+        return y + 12e-6 * np.sin(2 * np.pi * 50.0 * r.time_s)
+
+    c = with_column(concealed(), "creep_600V.csv", hum)
+    (p,) = [p for p in assemble(c, build_model("hooke+gm3")).prepared if p.name == "creep_600V.csv"]
+    assert p.mains is not None
+    assert p.quiet_sd > 1.4 * 4.7e-6  # the premise: with the line it scatters more
+    assert found(c) is None
+
+
 @pytest.mark.long
 def test_it_is_unknown_and_not_excused_as_noise():
     plain = concealed(rho=0.4)

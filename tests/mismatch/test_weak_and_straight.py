@@ -4,19 +4,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.assemble import assemble
 from bayes_dea.mismatch import name
 from bayes_dea.mismatch.frame import Frame
 from bayes_dea.mismatch.grid import Scored, parabola, screen
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.known import Known
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
-from bayes_dea.models.model import build_model
 
 
 def _scored(x, value):
@@ -41,14 +36,9 @@ def test_a_weak_drift_is_found_between_two_points_of_its_grid():
     """1.2 um in the longest recording, where its prior reaches 19 um either way."""
     drift = 2.5e-8
     campaign = concealed({"sensor_drift": {"drift_m_per_s": drift}})
-    model = build_model("hooke+gm3")
-    assembled = assemble(campaign, model)
-    prior = noise_prior(assembled)
-    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
-    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
-    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    problem, prior, q = problem_of(campaign)
     base = refit(problem, q, prior.start(), prior)
-    m = extended(model, ["sensor_drift"], effect_priors(["sensor_drift"], campaign))
+    m = extended(problem.model, ["sensor_drift"], effect_priors(["sensor_drift"], campaign))
     s = screen([Frame(replace(base, noise=prior.start()))], m, ("sensor_drift",))
     best = float(s.points[0].own[0])
     grid = [float(p.own[0]) for p in s.points]
@@ -99,7 +89,9 @@ def test_what_is_left_is_judged_beside_an_effect_too_small_to_be_claimed(monkeyp
     out = judged(drift)
     assert out.weighed is lag
     assert out.adequate
+    assert out.small is drift
     assert out.discrepancy == "its own"
+    assert out.scan.p_value == 1e-8  # what was found stays what was found
     # one that is large enough is a rival of its own, one that leaves something is no excuse, one alone no addition
     assert judged(replace(drift, size_m=2e-7)) is best
     assert asked == []
