@@ -10,6 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ _SLIGHT = (0.04, 0.008)
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
 _IDLE = 1e-3
 _SECTIONS = 12
+#: nats by which a model that has the limit may differ from one that has none: it goes through a recording row by row
+_OTHER_ROAD = 1.0
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: how many times more than the best point of a grid gains (and the least gain in nats that counts) the next one has to
 #: lose for a peak to be looked for between the two, and in how many sections
@@ -243,13 +246,16 @@ def just_reached(
     is kept by `score`. Golden section; where both points act on nothing it goes on towards those that act.
     """
     points = sorted(found, key=lambda p: float(p.own[0]))
-    idles = [abs(p.likelihood - idle) < _IDLE for p in points]
+    values = [p.likelihood for p in points]
+    alike = [a for a, b in pairwise(values) if abs(a - b) < _IDLE and abs(a - idle) < _OTHER_ROAD]
+    resting = alike[0] if alike else idle
+    idles = [abs(v - resting) < _IDLE for v in values]
     for i in range(1, len(points)):
         if idles[i - 1] == idles[i]:
             continue
-        acting, resting = (points[i - 1], points[i]) if idles[i] else (points[i], points[i - 1])
+        acting, beyond = (points[i - 1], points[i]) if idles[i] else (points[i], points[i - 1])
         # a tie goes on towards what acts
-        _golden_section(score, lambda p: p.likelihood, float(acting.own[0]), float(resting.own[0]), steps, _IDLE)
+        _golden_section(score, lambda p: p.likelihood, float(acting.own[0]), float(beyond.own[0]), steps, _IDLE)
 
 
 def _golden_section(
