@@ -142,8 +142,10 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
         note = second_look.overruled_note(first.summary, second.summary, p_value, second_look.to_validate(campaign))
         result.summary["statement"] = f"{result.summary['statement']} {note}."
     else:
+        best = second.naming.best
+        said = "" if best.small is None else small_note(best.small, best.weighed)
         # a recording of another actuator among those to validate, say
-        result, note = first, "; ".join(second.notes) or second_look.kept_note(p_value)
+        result, note = first, "; ".join(second.notes) or second_look.kept_note(p_value, said)
     result.summary["warnings"].insert(0, note)
     for phase, seconds in (first if result is second else second).summary["seconds_by"].items():
         result.summary["seconds_by"][phase] = result.summary["seconds_by"].get(phase, 0.0) + seconds

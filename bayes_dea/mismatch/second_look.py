@@ -107,9 +107,12 @@ def overruled_note(
     )
 
 
-def kept_note(p_value: float) -> str:
-    """One line on recordings to validate that contradict a verdict which stands all the same."""
+def kept_note(p_value: float, said: str = "") -> str:
+    """One line on recordings to validate that contradict a verdict which stands all the same.
+
+    said: what all recordings together say of it.
+    """
     return (
         f"on the recordings to validate something is left that the verdict does not explain (p = "
-        f"{max(p_value, 1e-300):.1g}), and all recordings together do not say what"
+        f"{max(p_value, 1e-300):.1g}): {said or 'all recordings together do not say what'}"
     )

@@ -1,12 +1,13 @@
 """Recordings to validate that contradict the verdict on those to identify."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import second_look
-from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.diagnosis import _decided, diagnose
 
 LIMIT = {"supply_saturation": {"V_max_V": 1110.0}}
 
@@ -64,6 +65,26 @@ def test_the_same_effect_by_another_law_replaces_the_first_where_it_explains_all
     assert not second_look.overrules(first, {**second, "adequate": False})
     note = second_look.overruled_note(first, second, 1e-5, ("a.csv",))
     assert "holds by another law only (friction_elements = fixed(12) instead of the usual one)" in note
+
+
+def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it():
+    """A drift below the resolution, seen by a longer recording to validate."""
+    drift = SimpleNamespace(effects=("amplitude_softening", "sensor_drift"), name="", size_m=1.1e-7)
+    claimed = SimpleNamespace(effects=("amplitude_softening",), name="amplitude_softening")
+
+    def look(against, small):
+        summary = {"verdict": "amplitude_softening", "adequate": True, "corrected_priors": {}, "warnings": [],
+                   "seconds_by": {}}  # fmt: skip
+        naming = SimpleNamespace(best=SimpleNamespace(weighed=claimed, small=small))
+        return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against)
+
+    first = look(3e-11, None)
+    assert _decided(first, look(None, drift), None) is first
+    note = first.summary["warnings"][0]
+    assert "p = 3e-11" in note
+    assert note.endswith("it looks like sensor_drift of 0.11 um")
+    first = look(3e-11, None)
+    assert _decided(first, look(None, None), None).summary["warnings"][0].endswith("do not say what")
 
 
 @pytest.mark.long
