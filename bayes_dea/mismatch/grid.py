@@ -36,8 +36,9 @@ _SLIGHT = (0.04, 0.008)
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
 _IDLE = 1e-3
 _SECTIONS = 12
-#: nats by which a model that has the limit may differ from one that has none: it goes through a recording row by row
-_OTHER_ROAD = 1.0
+#: share of what the grid spans by which a model that has the limit may differ from one that has none: it goes through a
+#: recording row by row, and where much is left to explain a slight difference is several nats
+_OTHER_ROAD = 0.01
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: how many times more than the best point of a grid gains (and the least gain in nats that counts) the next one has to
 #: lose for a peak to be looked for between the two, and in how many sections
@@ -247,8 +248,9 @@ def just_reached(
     """
     points = sorted(found, key=lambda p: float(p.own[0]))
     values = [p.likelihood for p in points]
-    alike = [a for a, b in pairwise(values) if abs(a - b) < _IDLE and abs(a - idle) < _OTHER_ROAD]
-    resting = alike[0] if alike else idle
+    near = _OTHER_ROAD * (max(values, default=0.0) - min(values, default=0.0))
+    alike = [a for a, b in pairwise(values) if abs(a - b) < _IDLE and abs(a - idle) < near]
+    resting = min(alike, key=lambda a: abs(a - idle), default=idle)
     idles = [abs(v - resting) < _IDLE for v in values]
     for i in range(1, len(points)):
         if idles[i - 1] == idles[i]:

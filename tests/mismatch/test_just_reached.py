@@ -31,7 +31,7 @@ def _most_gained(base, resting, gain):
     return max(resting - p.likelihood for p in found)
 
 
-@pytest.mark.parametrize("base", [9842.5, 9842.7], ids=["the base itself", "0.2 nats beside it, row by row"])
+@pytest.mark.parametrize("base", [9842.5, 9842.7, 9847.5], ids=["the base itself", "0.2 nats beside it, row by row", "5 nats"])
 def test_a_limit_between_two_points_is_found(base):
     assert _most_gained(base, 9842.5, 300.0) > 290.0
 
