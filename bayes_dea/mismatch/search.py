@@ -166,12 +166,17 @@ def refined(
         waiting = [n for n in (*fitted[:2], *doubtful) if n not in settled]
         if not waiting:
             break
-        found = escape(base, of[waiting[0]], out[waiting[0]], prior)
-        elsewhere = relocated(found.fit, prior)
+        name, leader = waiting[0], out[fitted[0]].fit
+        found = escape(base, of[name], out[name], prior)
+        # every mode on every time constant takes a minute of what is dear: behind a leader it begins where that stands
+        follows = found.fit.objective > leader.objective and bool(base.problem.model.spec.effects) and _dear(name)
+        elsewhere = begun_from(found.fit, leader, prior) if follows else relocated(found.fit, prior)
         if elsewhere is not found.fit:
-            found = escape(base, of[waiting[0]], improved(found, base, of[waiting[0]], elsewhere), prior)
-        out[waiting[0]] = found
-        settled.add(waiting[0])
+            found = escape(base, of[name], improved(found, base, of[name], elsewhere), prior)
+        out[name] = found
+        # what comes to lead is looked at as leaders are
+        if not follows or found.fit.objective > leader.objective:
+            settled.add(name)
     refitted = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)
     if refitted and out[refitted[0]].fit.objective < before[refitted[0]] - FOUND:
         for name in refitted[1 : 1 + _FOLLOWING]:
@@ -204,6 +209,11 @@ def refined(
         if better is not None:
             out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
     return out
+
+
+def _dear(name: str) -> bool:
+    """Whether something that is dear to simulate is among the effects of a name."""
+    return bool(DEAR.intersection(name.split("+")))
 
 
 def _in_order(base: Fit, screened: Sequence[Screened]) -> list[Screened]:
