@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +26,8 @@ from .noise.edges import input_noise
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
+#: recordings with drop-outs from which on these are said in one line
+_MANY = 3
 #: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
 _EFFECT_BYTES, _MENTIONED_BYTES = 60, 1e9
 #: the slack before contact, as a share of the stack height: centre and sd of its prior
@@ -75,8 +77,7 @@ def assemble(
         else:
             require(r.actuator, ("stack_height_m", "total_area_m2"), f"{r.name} (a mechanical recording)")
     prepared = prepare_all(campaign, used, workers, report)
-    for p in prepared:
-        warnings += _disturbances(p)
+    warnings += _disturbances(prepared)
     voltage = tuple(p for p in prepared if p.recording.is_voltage)
     mechanical = tuple(p for p in prepared if p.recording.is_mechanical)
     terms: dict[str, NoiseTerms] = {}
@@ -204,18 +205,35 @@ def linearised(model: Model) -> Model:
     return build_model(f"hooke{network}", kept)
 
 
-def _disturbances(p: Prepared) -> list[str]:
-    out = []
-    if p.dropouts:
-        count = "1 drop-out" if p.dropouts == 1 else f"{p.dropouts} drop-outs"
-        out.append(f"{p.name}: {count} ({p.dropouts / p.y.size:.2g} of the samples) found and masked")
-    if p.mains is not None:
-        how = "is in the other recordings and modelled here, too" if p.mains.taken_over else "was found and is modelled"
-        out.append(
-            f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
-            f"{_UNITS[p.channel]} {how}"
-        )
+def _disturbances(prepared: Sequence[Prepared]) -> list[str]:
+    """What was found in the readings: drop-outs in one line where many recordings have some, and mains."""
+    spoiled = [p for p in prepared if p.dropouts]
+    if len(spoiled) < _MANY:
+        out = [f"{p.name}: {_count(p.dropouts)} ({_share([p])} of the samples) found and masked" for p in spoiled]
+    else:
+        total = sum(p.dropouts for p in spoiled)
+        each = ", ".join(f"{p.name} {p.dropouts}" for p in spoiled)
+        found = f"{_count(total)} ({_share(spoiled)} of the samples)"
+        out = [f"{found} found and masked in {len(spoiled)} recordings: {each}"]
+    for p in prepared:
+        if p.mains is not None:
+            how = "was found and is modelled"
+            if p.mains.taken_over:
+                how = "is in the other recordings and modelled here, too"
+            out.append(
+                f"{p.name}: mains at {p.mains.frequency_Hz:.3f} Hz with an amplitude of {p.mains.amplitude:.3g} "
+                f"{_UNITS[p.channel]} {how}"
+            )
     return out
+
+
+def _count(dropouts: int) -> str:
+    return "1 drop-out" if dropouts == 1 else f"{dropouts} drop-outs"
+
+
+def _share(prepared: Sequence[Prepared]) -> str:
+    """Share of the samples that are drop-outs."""
+    return f"{sum(p.dropouts for p in prepared) / sum(p.y.size for p in prepared):.2g}"
 
 
 def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[str, NoiseTerms]:

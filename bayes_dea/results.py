@@ -105,3 +105,8 @@ def read_json(path: Path) -> dict[str, Any]:
     """A JSON file as a dictionary."""
     content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return content
+
+
+def not_said(summary: Mapping[str, Any]) -> list[str]:
+    """Warnings of a summary that its statement does not say already."""
+    return [str(w) for w in summary["warnings"] if str(w) not in str(summary["statement"])]

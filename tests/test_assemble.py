@@ -135,6 +135,21 @@ def test_disturbances_are_found_and_said():
     assert "mains at 50.0" in text
 
 
+def test_drop_outs_of_many_recordings_are_one_line():
+    faults = Faults(displacement=ChannelFaults(dropout_probability=0.003, dropout_min=1e-4))
+    creeps = [
+        replace(CREEP, file=f"creep_{volts}V.csv", sampling_Hz=400.0, protocol=Creep(volts, 12.0))
+        for volts in (600.0, 800.0, 1000.0)
+    ]
+    for used, lines in ((creeps[:2], 2), (creeps, 1)):
+        a = assemble(bench_campaign(plan(*used, faults=faults)), build_model("hooke+gm2"))
+        said = [w for w in a.warnings if "drop-out" in w]
+        assert len(said) == lines
+        for p in a.prepared:
+            assert p.dropouts > 0
+            assert any(p.name in w and f"{p.dropouts}" in w for w in said)
+
+
 def test_a_statement_far_from_the_recordings_is_doubted():
     sensors = SENSORS | {"displacement": Sensor(0.5e-6, 19.4e-6, 0.15e-6)}
     a = assemble(bench_campaign(plan(CREEP), sensors=sensors), build_model("hooke+gm2"))

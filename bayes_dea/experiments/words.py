@@ -30,3 +30,9 @@ def settings_in_words(e: Mapping[str, Any], brief: bool = False, plus_minus: str
     if "hold_s" in e and not brief:
         parts.append(f"{e['hold_s']:.3g} s each")
     return ", ".join([*parts, duration(e["duration_s"])])
+
+
+def recording_in_words(e: Mapping[str, Any], plus_minus: str = "±") -> str:
+    """`compression, 0.0549 Hz, 1.98 mm, 76.8 s`: the kind with its settings, as far as they are stated."""
+    kind = str(e.get("pattern") or e["kind"])
+    return f"{kind}, {settings_in_words(e, plus_minus=plus_minus)}" if "duration_s" in e else kind

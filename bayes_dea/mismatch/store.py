@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ..results import write_bytes, write_json
+from ..experiments.words import recording_in_words
+from ..results import not_said, write_bytes, write_json
 from .diagnosis import Diagnosis
 from .pictures import picture_data
 
 DIAGNOSIS_FILE = "diagnosis.json"
 DATA_FILE = "diagnosis.npz"
 REPORT_FILE = "report.html"
+_WIDTH = 80
 
 
 def save_diagnosis(
@@ -40,11 +42,17 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     lines += textwrap.wrap(summary["statement"], 78)
     lines.append("")
     for h in summary["hypotheses"][:5]:
-        numbers = ", ".join(f"{k} {v['mean']:.3g} +- {v['sd']:.2g}" for k, v in list(h["parameters"].items())[:2])
-        lines.append(f"  {h['name'][:34]:<34} {h['probability']:8.2%}  {numbers}"[:80])
+        line = f"  {h['name'][:34]:<34} {h['probability']:8.2%}"
+        for k, v in h["parameters"].items():
+            more = f"{',' if '+-' in line else ' '} {k} {v['mean']:.3g} +- {v['sd']:.2g}"
+            if len(line + more) > _WIDTH:
+                break  # half a number is another number
+            line += more
+        lines.append(line)
     ask = summary["next_experiment"]
     if ask.get("recording"):
-        lines += ["", *textwrap.wrap(f"Next experiment: {ask['recording']} {ask['why']}", 78)]
-    for warning in summary["warnings"]:
+        what = recording_in_words(ask["recording"], "+-")
+        lines += ["", *textwrap.wrap(f"Next experiment: {what}; {ask['why']}", 78)]
+    for warning in not_said(summary):
         lines += textwrap.wrap(f"Warning: {warning}", 78, subsequent_indent="  ")
     return "\n".join(lines)

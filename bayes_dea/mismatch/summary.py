@@ -87,6 +87,7 @@ def summarise(
             "by": excess_by(none.weighed.fit, none.scan, looks),
             "reduced_chi2": none.scan.reduced_chi2,
             "threshold": none.scan.threshold,
+            "in_readings": False,
         },
         "hypotheses": hypotheses,
         "proof": proof_summary(proof, how),
@@ -135,7 +136,7 @@ def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> Non
     """Put a recording of another actuator into the "mismatch" of a summary."""
     t = next(r for r in campaign.recordings if r.name == odd.odd).time_s
     excess = abs(odd.ratio - 1.0) / max(odd.ratio_se, 5e-4)
-    mismatch["detected"] = True
+    mismatch["detected"] = mismatch["in_readings"] = True
     mismatch["p_value"] = min(mismatch["p_value"], max(math.erfc(excess / math.sqrt(2)), 1e-300))
     what = "of another actuator: left out"
     row = {"recording": odd.odd, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
@@ -146,7 +147,7 @@ def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> Non
 def say_uneven(mismatch: dict[str, Any], uneven: Uneven, campaign: Campaign) -> None:
     """Put a recording that scatters unlike others into the "mismatch" of a summary."""
     t = next(r for r in campaign.recordings if r.name == uneven.noisy).time_s
-    mismatch["detected"] = True
+    mismatch["detected"] = mismatch["in_readings"] = True
     mismatch["p_value"] = min(mismatch["p_value"], uneven.p_value)
     what = f"scatters more at rest than {uneven.calm}"
     row = {"recording": uneven.noisy, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
@@ -170,7 +171,7 @@ def say_clipped(mismatch: dict[str, Any], limit: Limit, pieces: tuple[Piece, ...
                     "excess": round(math.sqrt(at.size), 2),
                 }
             )
-    mismatch["detected"] = True
+    mismatch["detected"] = mismatch["in_readings"] = True
     # each of them would have to be the highest value by chance, a half at most
     mismatch["p_value"] = max(min(mismatch["p_value"], 0.5 ** min(limit.readings, 900)), 1e-300)
     mismatch["where"] = [*rows, *mismatch["where"]]

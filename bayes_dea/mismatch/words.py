@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..assemble import Assembled
+from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..noise.mains import Mains
 from .hypotheses import MAINS, NONE, UNKNOWN
@@ -89,14 +90,12 @@ def small_note(small: Weighed, claimed: Weighed) -> str:
 
 def silent_note(summary: dict[str, Any]) -> str:
     """What to say of recordings that would not show an effect even where it is strong."""
-    plan = dict(summary["next_experiment"].get("recording", {}))
-    kind = plan.pop("kind", "creep")
-    settings = ", ".join(f"{k} = {v:g}" if isinstance(v, (int, float)) else f"{k} = {v}" for k, v in plan.items())
+    plan = summary["next_experiment"].get("recording") or {"kind": "creep"}
     blind = len(summary["not_visible"])
     return (
         f"the recordings are too short or too quiet to tell: of the effects that were tried {blind} would not show at "
         f"any strength, so that '{summary['verdict']}' (confidence {summary['confidence']:.2f}) says little. "
-        f"A recording that would help: {kind}" + (f" with {settings}" if settings else "")
+        f"A recording that would help: {recording_in_words(plan, '+-')}"
     )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..results import read_json, write_atomic
+from ..experiments.words import recording_in_words
+from ..results import not_said, read_json, write_atomic
 from . import digits
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
 from .tables import origin_of
@@ -60,8 +61,9 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
     html = environment().get_template(_TEMPLATE).render(
         s=summary,
         statement=digits.page_text(summary["statement"]),
-        warnings=[digits.page_text(str(w)) for w in summary["warnings"]],
-        ask=", ".join(f"{k} = {_told(v)}" for k, v in (summary["next_experiment"].get("recording") or {}).items()),
+        warnings=[digits.page_text(w) for w in not_said(summary)],
+        ask=_asked(summary),
+        p_value=_p_value(summary["mismatch"]["p_value"]),
         origin=origin,
         simulated=any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
         p=pictures,
@@ -97,8 +99,15 @@ def _short(name: str, most: int = 30) -> str:
     return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 + 1 :]}"
 
 
-def _told(value: Any) -> str:
-    return digits.significant(value) if digits.is_number(value) else str(value)
+def _asked(summary: dict[str, Any]) -> str:
+    """The recording that is asked for, or nothing."""
+    recording = summary["next_experiment"].get("recording")
+    return recording_in_words(recording) if recording else ""
+
+
+def _p_value(p: float) -> str:
+    """A p-value: what is smaller than any double can tell is said so."""
+    return f"p = {p:.1e}" if p > 1e-299 else "p < 1e-299"
 
 
 def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:

@@ -1,0 +1,51 @@
+"""What a diagnosis prints at its end."""
+
+import re
+
+import pytest
+
+from bayes_dea.experiments.words import recording_in_words
+from bayes_dea.mismatch.store import terminal_summary
+
+_NUMBER = {"mean": 0.02512, "sd": 0.0098}
+
+
+@pytest.fixture
+def summary():
+    note = "creep_1030V.csv: scatters by 28.7 um where its input stands still"
+    return {
+        "verdict": "amplitude_softening",
+        "confidence": 0.95,
+        "statement": f"{note}. The material is stiffer at small strain.",
+        "hypotheses": [
+            {"name": "amplitude_softening", "probability": 0.96, "parameters": {"dE_Pa": _NUMBER, "e_c": _NUMBER}},
+            {"name": "none", "probability": 0.04, "parameters": {}},
+        ],
+        "next_experiment": {
+            "why": "splits amplitude_softening from none",
+            "recording": {"kind": "compression", "amplitude_m": 1.977e-3, "frequency_Hz": 0.05493, "duration_s": 76.8},
+        },
+        "warnings": [note, "triangle_10Hz.csv: 1 drop-out (0.00037 of the samples) found and masked"],
+    }
+
+
+def test_no_line_is_wider_than_a_terminal_and_no_number_is_cut_off(summary):
+    lines = terminal_summary(summary).splitlines()
+    assert max(map(len, lines)) <= 80
+    row = next(line for line in lines if line.startswith("  amplitude_softening"))
+    assert "dE_Pa 0.0251 +- 0.0098" in row
+    assert re.findall(r"e_c.*", row) in ([], ["e_c 0.0251 +- 0.0098"])
+
+
+def test_a_recording_that_is_asked_for_has_its_units(summary):
+    text = " ".join(terminal_summary(summary).split())
+    assert "Next experiment: compression, 0.0549 Hz, 1.98 mm, 76.8 s; splits amplitude_softening from none" in text
+    assert recording_in_words({"kind": "creep"}) == "creep"
+    wave = {"kind": "voltage", "pattern": "sine", "voltage_V": 650.0, "amplitude_V": 400.0, "duration_s": 300.0}
+    assert recording_in_words(wave, "+-") == "sine, 650 +- 400 V, 5 min"
+
+
+def test_what_the_statement_says_is_not_said_twice(summary):
+    text = " ".join(terminal_summary(summary).split())
+    assert text.count("scatters by 28.7 um") == 1
+    assert "Warning: triangle_10Hz.csv" in text
