@@ -73,7 +73,8 @@ def isolated_outliers(
     - it is 2.5 times as large as all but one of its neighbours: ringing is not flagged;
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
-      quarter of its size in the middle of the others, or half of it in a twelfth of them. In the first 8 rows after an
+      quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
+      where there are but two). In the first 8 rows after an
       edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
       than two of these, nothing is flagged. What lies on the side where the reading was before the edge (late) is
       held against steps at least as large only.
@@ -194,8 +195,14 @@ def _shown(r: Array, rows: NDArray[np.int64], weight: Array, length: int, own: f
 
 
 def _comes_back(share: Array) -> bool:
-    """Whether what shows elsewhere is the same again."""
-    return bool(np.median(share) > 0.25 or np.sum(share > 0.5) > max(1.0, 0.08 * share.size))
+    """Whether what shows elsewhere is the same again.
+
+    Of an even number the lower one of the middle two counts: at two other places, one that noise lifts to a third of
+    its size is no answer to the input.
+    """
+    middle = np.sort(share)[(share.size - 1) // 2]
+    one = 1.0 if share.size > 2 else 0.0
+    return bool(middle > 0.25 or np.sum(share > 0.5) > max(one, 0.08 * share.size))
 
 
 def _level(r: Array, rows: NDArray[np.int64], length: int) -> Array:

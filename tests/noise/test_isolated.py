@@ -134,3 +134,22 @@ def test_what_is_no_fault_now_and_then_is_left_alone():
     r = noise(6000, 0.0, rng)
     r[np.arange(20, 5990, 25) + rng.integers(0, 8, 239)] += 60e-6
     assert found(r, back).size == 0
+
+
+def test_at_three_edges_a_reading_that_noise_echoes_once_is_found():
+    """A drop-out of eleven sds at one of three falling edges; at another noise happens to lie four sds off."""
+    _, back = wave(n=6000, period=2000)
+    r = noise(6000, 0.0, np.random.default_rng(3))
+    falls = back.edges[back.jump < 0]
+    assert falls.size == 3
+    r[falls[1] + 1] += 11.3 * 4e-6
+    r[falls[2] + 1] = 3.9 * 4e-6
+    assert found(r, back).tolist() == [int(falls[1]) + 1]
+
+
+def test_at_three_edges_what_two_show_is_physics():
+    _, back = wave(n=6000, period=2000)
+    r = noise(6000, 0.0, np.random.default_rng(3))
+    falls = back.edges[back.jump < 0]
+    r[falls[:2] + 1] += 11.3 * 4e-6
+    assert found(r, back).size == 0
