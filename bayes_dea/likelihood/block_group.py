@@ -29,6 +29,7 @@ from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_bloc
 from ..noise.kinks import find_kinks
 from ..noise.stated import NoiseTerms
 from .linear_group import nuisance_sd
+from .position_scatter import stiffness
 from .prepare import Prepared, RateClasses
 
 #: beyond, the variance of a sample given the one before is lost to rounding
@@ -98,18 +99,20 @@ def make_block_record(
         place = np.arange(blocks.n)
         share = np.ones(blocks.n)
         contact = sign_of(kept(prepared.y, prepared.observed))
+    means = block_means(y, blocks, masked)
     nuisance = prepared.nuisance()
     columns = np.stack([block_means(copied(nuisance[:, k]), blocks, masked) for k in range(nuisance.shape[1])])
     precision = 1.0 / nuisance_sd(prepared, terms) ** 2
     if input_variance > 0.0 and (pieces_of := imposed_pieces(r)) is not None:
         lines, alone = pieces_of.straight.errors(blocks.time_s)
-        columns = np.concatenate([columns, math.sqrt(input_variance) * lines])
+        force = pieces_of.scatter_m * stiffness(prepared, blocks, centre, means, imposed[start])
+        columns = np.concatenate([columns, force * lines])
         precision = np.append(precision, np.ones(len(lines)))
         input_variance *= float(blocks.count[alone].sum() / blocks.count.sum())
     return BlockRecord(
         prepared,
         blocks,
-        block_means(y, blocks, masked),
+        means,
         columns,
         precision,
         rate,

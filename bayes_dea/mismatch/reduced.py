@@ -19,6 +19,7 @@ from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer
+from ..likelihood.position_scatter import stiffness
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes
@@ -32,14 +33,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: parts of a ramp by which its stiffness is read: share of the travel, blocks that it may last, fewest of them
-_RAMP_SHARE, _RAMP_BLOCKS, _RAMP_PAIRS = 0.03, 60, 5
 #: part of the scatter of a position that comes out as force where no line stands, in sds: what joins means of blocks
 #: smooths it (variance 0.59 in one block) and couples neighbours (1 in the mean of many); one white noise for both
 _SHOWN = 0.9
-#: blocks on either side that a slope is taken over, how far they have to move (sd, share of the travel), and how many
-#: times it may be that of the ramps
-_NEIGHBOURS, _SEEN_TRAVEL, _STIFFEST = 4, 0.0015, 5.0
 #: rows at rest before plates move, and the sds of a reading from which on a force jumps
 _AT_REST, _JUMP = 20, 8.0
 
@@ -205,47 +201,6 @@ def _position_gain(p: Prepared, position: Array, travel: float, accuracy: float 
     return modulus * x * x, (accuracy or 0.0) / np.sqrt(3.0) / travel
 
 
-def _stiffness(p: Prepared, position: Array, blocks: Blocks) -> Array:
-    """Change of force with position at the blocks (nb,) in N/m: what the scatter of a position is multiplied by.
-
-    Like that of an incompressible Hookean block, 1/(1 - e)^2: the same strain makes the same stress, on a growing area.
-    Its size is the median over the ramps in contact, unloading or loading, where the material has no time to relax.
-    """
-    masked = ~p.observed
-    x, force = block_means(position, blocks, masked), block_means(np.where(masked, 0.0, p.y), blocks, masked)
-    height = p.recording.actuator.stack_height_m
-    e = np.clip((x - position[0]) / height, -0.9, 0.9) if height else np.zeros(x.size)
-    travel, most = float(np.ptp(x)), float(np.max(np.abs(force)))
-    found = []
-    for i in range(x.size):
-        near = slice(i + 1, i + 1 + _RAMP_BLOCKS)
-        far = np.flatnonzero(np.abs(x[near] - x[i]) > _RAMP_SHARE * travel)
-        if far.size and min(abs(force[i]), abs(force[i + 1 + far[0]])) > 0.1 * most:
-            j = i + 1 + int(far[0])
-            found.append((force[j] - force[i]) / (x[j] - x[i]) * (1.0 - 0.5 * (e[i] + e[j])) ** 2)
-    at_rest = float(np.median(found)) if len(found) >= _RAMP_PAIRS else float(np.ptp(force)) / max(travel, 1e-9)
-    ramps = abs(at_rest) / (1.0 - e) ** 2
-    return np.asarray(np.clip(_slopes(x, force, _SEEN_TRAVEL * travel), ramps, _STIFFEST * ramps))
-
-
-def _slopes(x: Array, force: Array, least_m: float) -> Array:
-    """Size of the slope of the force by the position (nb,) about every block; zero where these hardly move.
-
-    Friction makes a stack several times stiffer for some hundredths of its travel after every reversal.
-    """
-    ones = np.ones(2 * _NEIGHBOURS + 1)
-
-    def around(v: Array) -> Array:
-        return np.convolve(v, ones, mode="same")
-
-    n = around(np.ones(x.size))
-    x, force = x - x.mean(), force - force.mean()
-    spread = around(x * x) - around(x) ** 2 / n
-    together = around(x * force) - around(x) * around(force) / n
-    moving = spread > n * least_m**2
-    return np.where(moving, np.abs(together) / np.where(moving, spread, 1.0), 0.0)
-
-
 def _touching(p: Prepared) -> NDArray[np.bool_]:
     """The two rows (n,) between which quick plates touch; none where the force does not jump there.
 
@@ -286,10 +241,11 @@ def _mechanical_piece(
     scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
     if scale_sd > 0:
         nuisance, sd = np.concatenate([nuisance, scale[None]]), np.append(sd, scale_sd)
+    y = block_means(np.where(masked, 0.0, p.y), blocks, masked)
     white: float | Array = 0.0
     carried = np.empty((0, 0))
     if imposed is not None:
-        force = imposed.scatter_m * _stiffness(p, position, blocks)
+        force = imposed.scatter_m * stiffness(p, blocks, block_means(position, blocks, masked), y, position[0])
         lines, alone = imposed.straight.errors(blocks.time_s)
         white, carried = np.where(alone, (_SHOWN * force) ** 2, 0.0), force * lines
     return Piece(
@@ -298,7 +254,7 @@ def _mechanical_piece(
         group,
         rate,
         blocks,
-        block_means(np.where(masked, 0.0, p.y), blocks, masked),
+        y,
         block_means(nuisance, blocks, masked),
         sd,
         white_variance=white,

@@ -11,11 +11,12 @@ from bayes_dea.bench.rig import Geometry
 from bayes_dea.campaign import Actuator, Sensor, recording_from_arrays
 from bayes_dea.forward import imposed_position
 from bayes_dea.likelihood.prepare import Prepared
-from bayes_dea.mismatch.reduced import _touching, reduce_campaign
+from bayes_dea.mismatch.reduced import _mechanical_piece, _touching, reduce_campaign
 from bayes_dea.mismatch.whitening import Noise, whiten_columns
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
 from bayes_dea.models.simulate_plant import simulate_plates
+from bayes_dea.noise.blocks import block_means
 
 ACTUATOR = Actuator(**asdict(Geometry()))
 SCATTER = 5e-7
@@ -104,3 +105,37 @@ def test_rows_between_which_quick_plates_touch_are_not_judged_where_the_force_ju
         sensor, observed = Sensor(4e-3, 2e-2, 1e-3), np.ones(t.size, dtype=bool)
         p = Prepared(r, "force", sensor, force, observed, 0, None, 4e-3, (0.0, 0.0))
         assert np.flatnonzero(_touching(p)).tolist() == expected
+
+
+def strokes(seed, slack_m=4e-4):
+    """Three strokes of 1.7 mm, empty for `slack_m` at first: recording, its force, force by lines less the true one."""
+    t = 0.01 * np.arange(7100)
+    clean = 1.7e-3 - np.abs(np.clip(1.5e-4 * (t - 1.0), 0.0, 10.2e-3) % 3.4e-3 - 1.7e-3)
+    rng = np.random.default_rng(seed)
+    x = clean + 8e-7 * rng.standard_normal(t.size)
+    plant = plant_of(build_model("hooke+gm1"), {"Y_Pa": 1.37e6, "k_1_Pa": 7e4, "tau_1_s": 20.0}, ACTUATOR)
+    exact = simulate_plates(plant, t, clean, slack_m, 1)
+    noisy = exact + 3e-3 * rng.standard_normal(t.size)
+    columns = {"time_s": t, "position_m": x, "force_N": noisy}
+    r = recording_from_arrays("r", "compression", columns, "identify", ACTUATOR)
+    return r, noisy, simulate_plates(plant, t, imposed_position(r), slack_m, 1) - exact
+
+
+@pytest.mark.parametrize("slack_m", [4e-4, -2e-4])
+def test_the_error_of_a_line_is_known_where_plates_touch_for_a_part_of_it(slack_m):
+    """Errors of the lines are worth one a column, 12 then; pinned to nothing by the empty part they were worth 36.
+
+    Plates that touch all the time (a slack below zero) press from the first row on.
+    """
+    noise = Noise({"force": 3e-3}, {"force": (0.0,)})
+    found, columns = [], 0
+    for seed in range(6):
+        r, force, off = strokes(seed, slack_m)
+        p = Prepared(r, "force", Sensor(5e-3, 2e-2, 1e-3), force, np.ones(force.size, bool), 0, None, 3e-3, (0.0, 0.0))
+        piece = _mechanical_piece(p, 0, 0, np.array([0.01]), -1)
+        white, _ = whiten_columns(piece, block_means(off, piece.blocks)[None], noise)
+        found.append(float(white[0] @ white[0]))
+        columns = int(np.any(piece.carried != 0.0, axis=1).sum())
+        assert np.any(piece.carried[:, piece.y < 0.5 * piece.y.max()])
+    assert 8 <= columns <= 16
+    assert np.mean(found) < 1.5 * columns
