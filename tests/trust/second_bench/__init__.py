@@ -1,0 +1,1 @@
+"""A second simulator of actuator campaigns, written from the contract alone: it shares no code with the package."""

@@ -1,0 +1,8 @@
+"""What the data sheets of the sensors state."""
+
+RESOLUTION_M = 0.15e-6
+FLUCTUATION_M = 4.7e-6
+ACCURACY_M = 19.4e-6
+FORCE_FLUCTUATION_N = 0.02
+FORCE_ACCURACY_N = 0.02
+POSITION_FLUCTUATION_M = 5e-6
