@@ -33,7 +33,8 @@ class Straight:
     """Lines through blocks. Piece k covers the blocks first[k] ... stop[k] - 1; of one block it has no slope.
 
     centre_s, value, slope (k,): the line; rows (k,): readings behind it; spread_s (k,): sd of their times.
-    begin_s (k,): where it begins. time_s, level (c,): corners, between which the input is straight.
+    begin_s (k,): where it begins, at the crossing with the line before if the two meet there. time_s, level (c,):
+    corners, between which the input is straight.
     """
 
     first: NDArray[np.int64]
@@ -98,7 +99,7 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     w = blocks.count / sd**2
     borders = _merged(t, u, w, _split(t, u, w))
     for _ in range(_PASSES):
-        moved = _merged(t, u, w, _placed(t, u, w, borders))
+        moved = _merged(t, u, w, _shared(t, u, w, _placed(t, u, w, borders)))
         if np.array_equal(moved, borders):
             break
         borders = moved
@@ -108,7 +109,7 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     rows = np.add.reduceat(blocks.count, first)
     # blocks begin and end with rows
     begin, end = time_s[blocks.start[first]], time_s[blocks.stop[stop - 1] - 1]
-    corners = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
+    begin, *corners = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
     return Straight(first, stop, centre, value, slope, rows, spread, begin, *corners)
 
 
@@ -207,6 +208,30 @@ def _placed(t, u, w, borders):
 
 
 @njit(cache=True)
+def _shared(t, u, w, borders):
+    """Without the pieces that save too little beside the two lines around them, which share their values.
+
+    A turn that readings blur may get a short piece of its own, which neither line alone can take in.
+    """
+    out = borders.copy()
+    m = borders.size
+    room = np.empty((2, t.size))
+    i = 1
+    while i + 2 < m:
+        a, b, c, d = out[i - 1], out[i], out[i + 1], out[i + 2]
+        parts = _line(t, u, w, a, b)[4] + _line(t, u, w, b, c)[4] + _line(t, u, w, c, d)[4]
+        k, saved = _best(t, u, w, a, d, room)
+        if _line(t, u, w, a, d)[4] - saved - parts <= _SAVED:
+            out[i] = k
+            for j in range(i + 1, m - 1):
+                out[j] = out[j + 1]
+            m -= 1
+        else:
+            i += 1
+    return out[:m]
+
+
+@njit(cache=True)
 def _merged(t, u, w, borders):
     """Without the borders that save too little."""
     out = np.empty_like(borders)
@@ -224,14 +249,15 @@ def _merged(t, u, w, borders):
 def _corners(
     first: NDArray[np.int64], stop: NDArray[np.int64], centre: Array, value: Array, slope: Array, begin: Array,
     end: Array, t: Array, doubt: Array,
-) -> tuple[Array, Array]:
-    """Times and levels between which the input is straight.
+) -> tuple[Array, Array, Array]:
+    """Where lines begin, times and levels between which the input is straight.
 
     Two lines that cross at their border meet there; others are joined from the last row of one to the first row of the
     next. Blocks that lie between the border and the crossing may belong to either line if these are no further apart
     there than `doubt` (nb,), in the unit of the input.
     """
     single = stop - first == 1
+    begin = begin.copy()
 
     def on(k: int, at: float) -> float:
         return float(value[k] + slope[k] * (at - centre[k]))
@@ -251,6 +277,7 @@ def _corners(
             if max(early - doubt[last], late - doubt[following]) <= 0.0 and t[first[k]] < at < t[stop[k + 1] - 1]:
                 time.append(at)
                 level.append(on(k, at))
+                begin[k + 1] = at
                 continue
         if not single[k]:
             time.append(end[k])
@@ -258,4 +285,4 @@ def _corners(
         time.append(centre[k + 1] if single[k + 1] else begin[k + 1])
         level.append(value[k + 1] if single[k + 1] else on(k + 1, begin[k + 1]))
     order = np.maximum.accumulate(np.array(time))
-    return order, np.array(level)
+    return begin, order, np.array(level)

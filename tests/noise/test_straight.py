@@ -118,3 +118,20 @@ def test_rows_beside_a_corner_between_rows_count():
     blocks = log_blocks(t, noisy, POSITION_BLOCKS, kinks=find_kinks(noisy))
     straight = straight_pieces(t, blocks, block_means(noisy, blocks), 40 * SD)
     assert 0 < straight.at_corners(t, 40 * SD).sum() <= 2 * (straight.first.size - 1)
+
+
+def test_rows_beside_a_crossing_belong_to_the_line_that_the_input_follows_there():
+    """Scatter of two steps of the ramps: where the border lies is by chance, the crossing is known to a tenth."""
+    t = STEP * np.arange(3600)
+    clean = np.interp(t, [0, 1, 9.6, 18.2, 26.8, 35.4, 36], [0, 0, 2.06e-3, 0, 2.06e-3, 0, 0])
+    moved = 0
+    for seed in range(10):
+        x = clean + 5e-6 * np.random.default_rng(seed).standard_normal(t.size)
+        blocks = log_blocks(t, x, POSITION_BLOCKS, kinks=find_kinks(x))
+        straight = straight_pieces(t, blocks, block_means(x, blocks), 5e-6)
+        tops = np.abs(straight.begin_s[:, None] - np.array([9.6, 18.2, 26.8])).min(axis=0)
+        assert np.all(tops < 0.005)
+        assert np.all(np.isin(straight.begin_s[1:], straight.time_s))
+        first = t[blocks.start[straight.first]]
+        moved += int(np.sum(first > straight.begin_s + STEP))
+    assert moved > 0  # the premise: some borders lie rows beyond the crossing
