@@ -105,7 +105,7 @@ def make_block_record(
     precision = 1.0 / nuisance_sd(prepared, terms) ** 2
     if input_variance > 0.0 and (pieces_of := imposed_pieces(r)) is not None:
         lines, alone = pieces_of.straight.errors(blocks.time_s)
-        force = pieces_of.scatter_m * stiffness(prepared, blocks, centre, means, imposed[start])
+        force = pieces_of.scatter_m * stiffness(prepared, blocks, centre, means, imposed[start]).here
         columns = np.concatenate([columns, force * lines])
         precision = np.append(precision, np.ones(len(lines)))
         input_variance *= float(blocks.count[alone].sum() / blocks.count.sum())

@@ -19,7 +19,7 @@ from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer
-from ..likelihood.position_scatter import stiffness
+from ..likelihood.position_scatter import at_rest, stiffness
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes
@@ -188,19 +188,6 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
     )
 
 
-def _position_gain(p: Prepared, position: Array, travel: float, accuracy: float | None) -> tuple[Array, float]:
-    """What a wrong scale of the position adds to the force beyond one of the force itself: column (n,) and its sd.
-
-    With F = Y A e/(1 - e) a position scale 1 + g adds g Y A e/(1 - e)^2 = g (F + Y A (e/(1 - e))^2); the first part
-    is a gain of the force already.
-    """
-    height = p.recording.actuator.stack_height_m or 1.0
-    e = np.clip((position - position[0]) / height, -0.9, 0.9)
-    x = e / (1.0 - e)
-    modulus = float(np.quantile(np.abs(p.y[p.observed]), 0.999)) / max(float(np.max(np.abs(x))), 1e-9)
-    return modulus * x * x, (accuracy or 0.0) / np.sqrt(3.0) / travel
-
-
 def _touching(p: Prepared) -> NDArray[np.bool_]:
     """The two rows (n,) between which quick plates touch; none where the force does not jump there.
 
@@ -238,14 +225,16 @@ def _mechanical_piece(
     path = imposed_path(p.recording, blocks)
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     nuisance = p.nuisance().T
-    scale, scale_sd = _position_gain(p, position, travel, accuracy_m)
-    if scale_sd > 0:
-        nuisance, sd = np.concatenate([nuisance, scale[None]]), np.append(sd, scale_sd)
-    y = block_means(np.where(masked, 0.0, p.y), blocks, masked)
+    y, x = block_means(np.where(masked, 0.0, p.y), blocks, masked), block_means(position, blocks, masked)
+    by_position = stiffness(p, blocks, x, y, position[0])
+    columns = block_means(nuisance, blocks, masked)
+    if accuracy_m:
+        columns = np.concatenate([columns, by_position.by_scale(x, y, at_rest(y, blocks))[None]])
+        sd = np.append(sd, accuracy_m / np.sqrt(3.0) / travel)
     white: float | Array = 0.0
     carried = np.empty((0, 0))
     if imposed is not None:
-        force = imposed.scatter_m * stiffness(p, blocks, block_means(position, blocks, masked), y, position[0])
+        force = imposed.scatter_m * by_position.here
         lines, alone = imposed.straight.errors(blocks.time_s)
         white, carried = np.where(alone, (_SHOWN * force) ** 2, 0.0), force * lines
     return Piece(
@@ -255,7 +244,7 @@ def _mechanical_piece(
         rate,
         blocks,
         y,
-        block_means(nuisance, blocks, masked),
+        columns,
         sd,
         white_variance=white,
         carried=carried,
