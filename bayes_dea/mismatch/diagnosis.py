@@ -33,6 +33,7 @@ from .locate import ADEQUATE, scan
 from .name import Explanation, Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
+from .profile import profiled
 from .prove import HeldOut, held_out, unanswered, without_validation
 from .reduced import Piece, reduce_campaign
 from .refit import Fit, refit
@@ -361,6 +362,8 @@ def _drawn(
         return None
     fit = named_fit(naming, name)
     own = own_index(base, fit.problem.model)
+    if own.size == 1 and fit.problem.reached_by(name.split("+")) is None and "force" in fit.noise.sigma:
+        return profiled(fit, int(own[0]), tell)
     return posterior(fit, own, rng, tell) if own.size else None
 
 
