@@ -35,14 +35,18 @@ _SMALLEST = 4  # blocks in the shortest window
 
 @dataclass(frozen=True)
 class Residuals:
-    """Whitened residuals of a fit with what was fitted taken out, piece after piece."""
+    """Whitened residuals of a fit with what was fitted taken out, piece after piece.
 
-    e: Array  # (n,)
-    weights: Array  # (n,) root of the samples of a block: a constant offset in whitened coordinates
+    A piece's nuisance has priors, each a reading of zero in its own sd: after the nb blocks of a piece stand its m
+    nuisances. Free of them a column made of a force (what a wrong scale of its position adds) would pass for that.
+    """
+
+    e: Array  # (n,), n = sum of nb + m
+    weights: Array  # (n,) root of the samples of a block: a constant offset in whitened coordinates; 0 of a nuisance
     start: NDArray[np.int64]  # (pieces + 1,)
     raw: list[Array] = field(repr=False)  # residual block means in the unit of the channel
     basis: Array = field(repr=False)  # (n, p) orthonormal: directions of the fit
-    local: list[Array] = field(repr=False)  # (nb, m) orthonormal: nuisance of each piece
+    local: list[Array] = field(repr=False)  # (nb + m, m) orthonormal: nuisance of each piece
 
     def project(self, z: Array) -> Array:
         """(I - P) z for columns z (n, k)."""
@@ -52,6 +56,13 @@ class Residuals:
             out[part] -= N @ (N.T @ out[part])
         return out - self.basis @ (self.basis.T @ out)
 
+    def spread(self, parts: list[Array]) -> Array:
+        """Columns (n, k) of what is known by block of each piece (k, nb)."""
+        out = np.zeros((self.e.size, len(parts[0])))
+        for begin, part in zip(self.start, parts, strict=False):
+            out[begin : begin + part.shape[1]] = part.T
+        return out
+
 
 def residuals(fit: Fit) -> Residuals:
     """Whitened residuals at the maximum of a fit."""
@@ -59,12 +70,14 @@ def residuals(fit: Fit) -> Residuals:
     for i, piece in enumerate(fit.problem.pieces):
         columns = fit.problem.columns(i, fit.q, fit.clean, fit.slopes)
         w = whiten(piece, columns, fit.noise)
-        N = np.linalg.qr(w.nuisance.T)[0]
-        x = w.columns.T - N @ (N.T @ w.columns.T)
+        N = np.linalg.qr(np.concatenate([w.nuisance.T, np.diag(1.0 / piece.nuisance_sd)]))[0]
+        m = piece.nuisance_sd.size
+        x = np.concatenate([w.columns.T, np.zeros((m, len(w.columns)))])
+        x = x - N @ (N.T @ x)
         whitened.append(x[:, 0])
         jac.append(x[:, 1:])
         local.append(N)
-        weights.append(np.sqrt(piece.blocks.count))
+        weights.append(np.concatenate([np.sqrt(piece.blocks.count), np.zeros(m)]))
         # the offset and mains that the piece's own posterior gives
         raw.append(columns[0] - w.coupling[:, 0] @ piece.nuisance)
     J = np.concatenate(jac)

@@ -56,7 +56,7 @@ def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
         )
         sigma, _ = fit.noise.of(piece)
         columns.append(own * np.sqrt(piece.blocks.count) / sigma)
-    A = res.project(np.concatenate(columns, axis=1).T)
+    A = res.project(res.spread(columns))
     e = res.e
     chosen: list[int] = []
     left = float(e @ e)
