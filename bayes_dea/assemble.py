@@ -215,6 +215,12 @@ def _disturbances(prepared: Sequence[Prepared]) -> list[str]:
         each = ", ".join(f"{p.name} {p.dropouts}" for p in spoiled)
         found = f"{_count(total)} ({_share(spoiled)} of the samples)"
         out = [f"{found} found and masked in {len(spoiled)} recordings: {each}"]
+    out += [
+        f"{p.name}: its sensor held a value where it should scatter, {p.stuck} readings in all; they are masked. "
+        "Check the sensor"
+        for p in prepared
+        if p.stuck
+    ]
     for p in prepared:
         if p.mains is not None:
             how = "was found and is modelled"

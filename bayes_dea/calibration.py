@@ -354,6 +354,7 @@ def _particulars(posterior: Posterior, name: str) -> dict[str, Any]:
         "input": "voltage_V" if p.recording.is_voltage else "position_m",
         "hold": p.recording.hold,
         "dropouts": p.dropouts,
+        "stuck": p.stuck,
         "gaps": int(p.y.size - sum(np.count_nonzero(np.isfinite(p.y[part])) for part in pieces(p.y.size))),
         "mains": lines,
         "seen": seen(p.recording),

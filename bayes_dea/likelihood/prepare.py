@@ -29,7 +29,8 @@ _AT_REST = 512
 class Prepared:
     """One recording with its masks and its disturbances.
 
-    y (n,): observed column, NaN where not observed. observed (n,) bool: neither gap nor drop-out.
+    y (n,): observed column, NaN where not observed. observed (n,) bool: neither gap nor drop-out, nor a reading that a
+    sensor holds for a while (`stuck` of them).
     """
 
     recording: Recording
@@ -42,6 +43,7 @@ class Prepared:
     quiet_sd: float
     quiet_rho: float
     quiet_n: int = 0  # readings at rest that the two are from; without any they are those of white noise
+    stuck: int = 0
 
     @property
     def name(self) -> str:
@@ -106,6 +108,7 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     Raises InputError when the sensor of its output is not stated or too little was observed.
     """
     from ..noise.dropouts import find_dropouts
+    from ..noise.flat import stuck_rows
     from ..noise.mains import find_mains
     from ..noise.quiet import quiet_noise
 
@@ -136,8 +139,13 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     clean = computed(lambda a, seen: np.where(seen, a, np.nan), y, observed)
     quiet = quiet_noise(clean, drive, recording.time_s)
     mains = find_mains(clean, recording.time_s, drive)
+    held = 0
+    if channel == "displacement":
+        stuck = stuck_rows(clean, quiet.sd)
+        held = int(np.count_nonzero(stuck))
+        observed = computed(lambda seen, out: seen & ~out, observed, stuck, dtype=np.bool_) if held else observed
     masked = int(np.count_nonzero(dropouts))
-    return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n)
+    return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n, held)
 
 
 def prepare_all(

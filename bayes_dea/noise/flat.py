@@ -6,7 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+
+from bayes_dea.campaign.scratch import BLOCK, beside, pieces
+
+#: repeats from which on a run can be too long
+_SHORTEST = 5
 
 
 @dataclass(frozen=True)
@@ -33,29 +38,65 @@ def find_flat(y: ArrayLike, *, false_alarm: float = 1e-6) -> tuple[Flat, ...]:
     x = np.asarray(y, dtype=float)
     if x.size < 16:
         return ()
-    same = np.zeros(x.size + 1, dtype=bool)
-    same[1:-1] = x[1:] == x[:-1]
-    change = np.diff(same.astype(np.int8))
-    first, last = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    first, length, repeats = _runs(x)
     if first.size == 0:
         return ()
-    length = last - first  # repeats; rows first..last
     limit = math.inf
     # long runs raise the share that they are judged by: leave out what was found and judge again
     for _ in range(3):
-        short = length < limit
-        repeats = int(length[short].sum())
-        share = (repeats + 1) / max(1, x.size - int(length[~short].sum()))
+        long = int(length[length >= limit].sum())
+        share = (repeats - long + 1) / max(1, x.size - long)
         if share >= 0.999:
             return ()
-        limit = max(5.0, math.log(false_alarm / x.size) / math.log(share))
+        limit = max(float(_SHORTEST), math.log(false_alarm / x.size) / math.log(share))
     found = []
     low, high = float(np.nanmin(x)), float(np.nanmax(x))
-    for a, b in zip(first[length >= limit], last[length >= limit], strict=True):
+    for a, k in zip(first[length >= limit], length[length >= limit], strict=True):
         value = float(x[a])
         kind = "clipped" if value in (low, high) and low < high else "stuck"
-        found.append(Flat(int(a), int(b) + 1, value, kind))
+        found.append(Flat(int(a), int(a + k) + 1, value, kind))
     return tuple(found)
+
+
+def _runs(x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    """First rows and numbers of repeats of the runs of `_SHORTEST` repeats or more, and the repeats of all runs."""
+    starts, lengths, total = [], [], 0
+    row, before = 0, math.nan  # the first row and value of the run that is going on
+    for part in pieces(x.size, BLOCK):
+        v = x[part]
+        new = np.empty(v.size, dtype=bool)
+        new[0] = v[0] != before
+        new[1:] = ~(v[1:] == v[:-1])  # nan is a run of its own
+        total += v.size - int(new.sum())
+        at = np.concatenate([[row], part.start + np.flatnonzero(new)])
+        run = np.diff(at) - 1
+        starts.append(at[:-1][run >= _SHORTEST])
+        lengths.append(run[run >= _SHORTEST])
+        row, before = int(at[-1]), float(v[-1])
+    last = x.size - 1 - row
+    if last >= _SHORTEST:
+        starts.append(np.array([row]))
+        lengths.append(np.array([last]))
+    return np.concatenate(starts).astype(np.int64), np.concatenate(lengths).astype(np.int64), total
+
+
+def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
+    """Readings that repeat the one before because the sensor holds it, True (n,); the first of them is a reading.
+
+    noise_sd: what the sensor scatters by at rest, in the unit of y. Where it does not scatter, repeats say nothing. A
+    value that is held several times is a limit, the end of a range within drop-outs, and is left to those who ask for
+    it. What answers to the model is no reason to keep a reading that was not taken.
+    """
+    x = np.asarray(y, dtype=float)
+    out = beside(x, np.bool_)
+    if not noise_sd > 0.0:
+        return out
+    flats = [f for f in find_flat(x) if f.kind == "stuck"]
+    values = [f.value for f in flats]
+    for f in flats:
+        if values.count(f.value) == 1:
+            out[f.start + 1 : f.stop] = True
+    return out
 
 
 def flat_warning(flats: tuple[Flat, ...], name: str) -> str | None:

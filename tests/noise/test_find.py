@@ -14,6 +14,7 @@ from bayes_dea.noise.find import (
     flat_warning,
     input_noise,
     quiet_noise,
+    stuck_rows,
 )
 
 
@@ -283,6 +284,32 @@ class TestFlat:
         (stuck,) = find_flat(z)
         assert stuck.kind == "stuck"
         assert 2995 < stuck.start <= 3000 < 3040 <= stuck.stop < 3045
+
+    def test_runs_are_found_across_pieces_that_a_recording_is_read_in(self, monkeypatch):
+        rng = np.random.default_rng(27)
+        z = np.round(rng.normal(size=10_000) / 0.15) * 0.15
+        z[3000:3040], z[9980:] = z[3000], z[9980]
+        whole = find_flat(z)
+        assert len(whole) == 2
+        monkeypatch.setattr("bayes_dea.noise.flat.BLOCK", 7)
+        assert find_flat(z) == whole
+
+    def test_readings_that_a_sensor_holds_are_told_from_a_limit(self):
+        """30 readings held on a 5 Hz wave; a limit that cuts every crest below drop-outs is left alone."""
+        t = np.arange(8000) / 1000
+        rng = np.random.default_rng(28)
+        wave = np.round((50 * np.sin(2 * np.pi * 5 * t) + 2.2 * rng.normal(size=t.size)) / 0.15) * 0.15
+        held = wave.copy()
+        held[4077:4107] = held[4076]
+        found = stuck_rows(held, 2.2)
+        assert set(range(4077, 4107)) <= set(np.flatnonzero(found)) <= set(range(4075, 4110))
+        assert not found[4076] or wave[4075] == wave[4076]
+        assert not stuck_rows(wave, 2.2).any()
+        cut = np.minimum(wave, 42.0)
+        cut[1234], cut[5678] = 80.0, 75.0
+        assert {f.kind for f in find_flat(cut)} == {"stuck"}  # the premise: the limit is not the highest reading
+        assert not stuck_rows(cut, 2.2).any()
+        assert not stuck_rows(np.round(wave / 20) * 20, 0.0).any()
 
     def test_quantised_noise_is_neither(self):
         rng = np.random.default_rng(25)
