@@ -104,7 +104,7 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
                         "seconds.")
     limit = r.actuator.max_frequency_Hz
     if limit is not None and "voltage_V" in r.columns:
-        frequency = dominant_frequency(r.columns["voltage_V"], duration)
+        frequency = dominant_frequency(r.columns["voltage_V"], time)
         if frequency > 20.0 * limit:
             problems.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, far beyond "
                             f"max_frequency_Hz = {limit:g}. Are the times off by a power of ten? Correct the "
@@ -140,20 +140,35 @@ def _holes(time: NDArray[np.float64], median: float) -> NDArray[np.intp]:
     return np.concatenate(found)
 
 
-def dominant_frequency(voltage: NDArray[np.float64], duration: float) -> float:
-    """Crossings of the middle, with a dead band of half the span so that noise does not count, per second."""
+def dominant_frequency(voltage: NDArray[np.float64], time_s: NDArray[np.float64]) -> float:
+    """Crossings of the middle per second of the stretch in which there are any, rests before and after left out."""
+    count, first, last = swings(voltage)
+    seconds = float(time_s[last] - time_s[first])
+    return (count - 1) / 2.0 / seconds if count >= 6 and seconds > 0.0 else 0.0
+
+
+def swings(voltage: NDArray[np.float64]) -> tuple[int, int, int]:
+    """How often a voltage (n,) crosses its middle, and the rows of the first and last crossing.
+
+    With a dead band of half the span, so that noise does not count: a crossing is seen where that is left.
+    """
     low, high = float(np.nanmin(voltage)), float(np.nanmax(voltage))
     middle, band = 0.5 * (high + low), 0.25 * (high - low)
-    if not band > 0.0 or duration <= 0.0:
-        return 0.0
-    crossings, last = 0, 0
+    count, first, end, last = 0, 0, 0, 0
+    if not band > 0.0:
+        return 0, 0, 0
     for part in pieces(voltage.size):
         state = (voltage[part] > middle + band).astype(np.int8) - (voltage[part] < middle - band).astype(np.int8)
-        state = state[state != 0]  # of nan, too
-        if state.size:
-            crossings += int(np.count_nonzero(np.diff(state))) + (last != 0 and int(state[0]) != last)
-            last = int(state[-1])
-    return crossings / 2.0 / duration if crossings >= 6 else 0.0
+        at = np.flatnonzero(state)  # of nan, too
+        if at.size:
+            known = np.concatenate([[last], state[at]])
+            turned = at[(known[1:] != known[:-1]) & (known[:-1] != 0)]
+            if turned.size:
+                first = first if count else part.start + int(turned[0])
+                end = part.start + int(turned[-1])
+                count += turned.size
+            last = int(state[at[-1]])
+    return count, first, end
 
 
 def _voltage(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
@@ -251,7 +266,7 @@ def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> N
         return
     t, v, y = r.time_s, r.columns["voltage_V"], r.columns["displacement_m"]
     duration = float(t[-1] - t[0])
-    if dominant_frequency(v, duration) > _SLOW_HZ:
+    if dominant_frequency(v, t) > _SLOW_HZ:
         return
     good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), v, y, dtype=np.bool_)
     if good.sum() < 20:

@@ -2,11 +2,11 @@
 
 What is compared: two recordings of one specimen and the same geometry, both begun at rest, of the same kind, their
 largest voltages equal within 2 %, and either a held step from rest (the stroke at the same time after it, so that creep
-does not count) or a wave at the same frequency within 10 % (the span of its later half). A gain is common to a sensor,
-offsets drop out of a stroke. What is too far: more than a factor of 1.5 and more than six standard errors of either
-reading. Warmth, rest and softening change a silicone or acrylic film by less between two recordings; another specimen
-that is closer than that cannot be told apart, and nothing is said. Strokes at different voltages are never compared:
-the law between them is what a calibration is to find.
+does not count) or a wave between the same voltages at the same frequency within 10 % (the span of the later half of its
+swings). A gain is common to a sensor, offsets drop out of a stroke. What is too far: more than a factor of 1.5 and more
+than six standard errors of either reading. Warmth, rest and softening change a silicone or acrylic film by less between
+two recordings; another specimen that is closer than that cannot be told apart, and nothing is said. Strokes at other
+voltages are never compared: the law between them is what a calibration is to find.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_dea.campaign.plausibility import dominant_frequency
+from bayes_dea.campaign.plausibility import dominant_frequency, swings
 from bayes_dea.campaign.schema import Recording, Sensor
 from bayes_dea.campaign.scratch import computed
 
@@ -95,6 +95,8 @@ def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], wave
         if abs(np.log(waves[a.name] / waves[b.name])) > _SAME_FREQUENCY:
             return None
         volts = (_largest(a), _largest(b))
+        if abs(_trough(a) - _trough(b)) > _SAME_VOLTAGE * volts[0]:
+            return None
         strokes = (_later_span(a), _later_span(b))
         what = f"peak to peak at {waves[a.name]:.3g} Hz"
     else:
@@ -148,12 +150,19 @@ def _held_step(r: Recording) -> _Step | None:
 
 
 def _frequency(r: Recording) -> float:
-    return dominant_frequency(r.columns["voltage_V"], float(r.time_s[-1] - r.time_s[0]))
+    return dominant_frequency(r.columns["voltage_V"], r.time_s)
+
+
+def _trough(r: Recording) -> float:
+    """Lowest voltage of the swings of a wave: rests before and after lie at another."""
+    v = r.columns["voltage_V"]
+    _, first, last = swings(v)
+    return float(np.nanmin(v[first : last + 1]))
 
 
 def _later_span(r: Recording) -> float:
-    y = r.columns["displacement_m"]
-    y = _some(y[y.size // 2:])
+    _, first, last = swings(r.columns["voltage_V"])
+    y = _some(r.columns["displacement_m"][(first + last) // 2 : last + 1])
     if np.isfinite(y).sum() < _LEAST_SAMPLES:
         return float("nan")
     low, high = np.nanpercentile(y, [5, 95])
