@@ -210,7 +210,7 @@ def _mechanical_piece(
     imposed = imposed_pieces(p.recording)
     if imposed is not None:
         # the force of a damper jumps where the plates stop
-        at_corners = imposed.straight.at_corners(p.recording.time_s, imposed.scatter_m)
+        at_corners = imposed.straight.at_corners(p.recording.time_s)
         p = replace(p, observed=p.observed & ~at_corners & ~_touching(p))
     masked = ~p.observed
     gap = ~np.isfinite(p.y)

@@ -24,6 +24,8 @@ _SAVED = 25.0
 _PASSES, _PART = 3, 4096
 #: sds of a block's mean within which it may belong to either of two lines
 _DOUBT = 5.0
+#: rows on either side of a corner that are not judged
+_BESIDE = 2
 #: fewest readings of a line whose error is known as that of a line, and how many lines
 _LEAST, _MOST = 4, 40
 
@@ -73,23 +75,19 @@ class Straight:
         lines = np.array(columns).reshape(-1, time_s.size)
         return lines, ~np.any(lines != 0.0, axis=0)
 
-    def at_corners(self, time_s: Array, sd: float) -> NDArray[np.bool_]:
-        """Times (n,) s that may lie on either side of a corner, one to a side at most; sd: scatter of a reading.
+    def at_corners(self, time_s: Array) -> NDArray[np.bool_]:
+        """Times (n,) s within `_BESIDE` steps of a corner at which two lines meet.
 
-        What depends on the speed jumps at a corner, and readings know its time to some error.
+        What depends on the speed jumps there, and a machine takes some hundredths of a second to turn: it overshoots or
+        cuts the corner by micrometres that no position shows, but a force does.
         """
         out = np.zeros(time_s.size, dtype=bool)
         lines = self.stop - self.first > 1
         bend = np.diff(self.slope)
         for k in np.flatnonzero(lines[:-1] & lines[1:] & (bend != 0.0)):
-            both = slice(k, k + 2)
-            ahead = float(np.diff(self.value - self.slope * self.centre_s)[k])
-            at = -ahead / bend[k]
-            arm = (at - self.centre_s[both]) / self.spread_s[both]
-            error = sd * math.sqrt(float(np.sum((1.0 + arm**2) / self.rows[both]))) / abs(bend[k])
+            at = -float(np.diff(self.value - self.slope * self.centre_s)[k]) / bend[k]
             right = int(np.searchsorted(time_s, at))
-            near = np.arange(max(right - 1, 0), min(right + 1, time_s.size))
-            out[near] |= np.abs(time_s[near] - at) < _DOUBT * error
+            out[max(right - _BESIDE, 0) : right + _BESIDE] = True
         return out
 
 
