@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 #: readings at the limit in all, and how many times those of a bin just below it
 _LEAST, _TIMES = 20, 4.0
+#: part of all readings, and of those at the limit, that may lie beyond it
+_BEYOND, _RARE = 2e-3, 0.2
 #: bins below the highest reading that it is compared with
 _BINS = 6
 
@@ -21,7 +23,7 @@ def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float 
     The tail of a distribution falls: the highest value of noisy readings comes rarely, and no oftener than values just
     below. Where the highest one comes 20 times or more, and four times as often as any of the six steps of the
     resolution below it, the sensor has cut off what was larger. A sensor whose range ends *before* its noise is added
-    leaves no such mark.
+    leaves no such mark. Drop-outs may lie beyond: readings above are rare then, and the limit is met more than twice.
 
     readings : columns of one sensor, nan for what was not observed. resolution : its quantisation step; without one
     the highest value must recur to the last digit.
@@ -32,13 +34,38 @@ def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float 
         return None
     highest = max(float(x.max()) for x in columns)
     width = resolution if resolution > 0 else 1e-9 * max(abs(highest), 1e-300)
+    if _piles_up(columns, highest, width):
+        return highest
+    least = _BEYOND * sum(x.size for x in columns)
+    top = np.sort(np.concatenate([x[x >= np.quantile(x, 0.5)] for x in columns]))[::-1]
+    _, first, count = np.unique(np.rint((highest - top) / width), return_index=True, return_counts=True)
+    for above, n in zip(first, count, strict=True):
+        if above > least:
+            break
+        value = float(top[above])
+        if n < _LEAST or above > _RARE * n:
+            continue
+        if _piles_up(columns, value, width) and _visits(columns, value, width) > 2:
+            return value
+    return None
+
+
+def _piles_up(columns: Sequence[Array], value: float, width: float) -> bool:
     counts = np.zeros(_BINS + 1)
     for x in columns:
-        below = np.rint((highest - x[x > highest - (_BINS + 0.5) * width]) / width).astype(np.int64)
-        counts += np.bincount(below, minlength=_BINS + 1)[: _BINS + 1]
-    if counts[0] < _LEAST or counts[0] < _TIMES * max(float(counts[1:].max()), 1.0):
-        return None
-    return highest
+        near = x[(x > value - (_BINS + 0.5) * width) & (x < value + 0.5 * width)]
+        below = np.rint((value - near) / width).astype(np.int64)
+        counts += np.bincount(np.clip(below, 0, _BINS), minlength=_BINS + 1)
+    return bool(counts[0] >= _LEAST and counts[0] >= _TIMES * max(float(counts[1:].max()), 1.0))
+
+
+def _visits(columns: Sequence[Array], value: float, width: float) -> int:
+    """How often readings come to a value: one that a sensor holds once, for a while, is no limit."""
+    total = 0
+    for x in columns:
+        at = np.abs(x - value) < 0.5 * width
+        total += int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+    return total
 
 
 def near_limit(y: ArrayLike, limit: float, resolution: float = 0.0, reach: int = 3) -> NDArray[np.bool_]:

@@ -44,3 +44,26 @@ def test_rows_beside_the_limit():
 
 def test_nothing_observed_has_no_limit():
     assert find_limit([np.full(10, np.nan)], RESOLUTION) is None
+
+
+@pytest.mark.parametrize("limit", [60e-6, 130.05e-6, 157.05e-6])
+def test_a_limit_is_found_below_drop_outs(limit):
+    columns, without = readings(limit), readings(limit)
+    rng = np.random.default_rng(7)
+    for x in columns:
+        at = rng.integers(0, x.size, 4)
+        x[at] += np.rint(rng.uniform(30e-6, 300e-6, at.size) / RESOLUTION) * RESOLUTION
+    assert max(x.max() for x in columns) > limit + 20e-6  # the premise
+    assert find_limit(columns, RESOLUTION) == pytest.approx(find_limit(without, RESOLUTION))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_neither_drop_outs_nor_a_value_that_is_held_are_a_limit(seed):
+    columns = readings(seed=seed)
+    rng = np.random.default_rng(seed)
+    for x in columns:
+        x[rng.integers(0, x.size, 4)] += 2e-4
+    top = columns[0]
+    k = int(np.argmax(np.where(top < 1.5e-4, top, 0.0)))
+    top[k : k + 40] = top[k]
+    assert find_limit(columns, RESOLUTION) is None
