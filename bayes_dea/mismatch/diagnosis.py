@@ -41,7 +41,8 @@ from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .ridge import posterior
 from .seen import Seen
 from .size import STEP_M
-from .summary import say_clipped, say_odd, say_uneven, summarise
+from .summary import say_clipped, say_odd, say_swinging, say_uneven, summarise
+from .swinging import swinging
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
 from .uneven import uneven_scatter
@@ -239,7 +240,8 @@ def _once(
     step = sample_step_s(base)
     # a limit of the sensor cuts off noise as well
     uneven = uneven_scatter(seen.pieces, resolution) if limit is None else None
-    verdict, raw, physics, delays = verdict_of(naming, facts, step, uneven is not None)
+    swings = swinging(best.weighed.fit, resolution)
+    verdict, raw, physics, delays = verdict_of(naming, facts, step, uneven is not None or swings is not None)
     corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
@@ -273,6 +275,8 @@ def _once(
     notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
     if uneven is not None:
         notes.append(uneven.note())
+    if swings is not None:
+        notes.append(swings.note())
     if explanation.small is not None and verdict != UNKNOWN:
         notes.append(small_note(explanation.small, explanation.weighed))
     if verdict in delays:
@@ -294,6 +298,8 @@ def _once(
         say_odd(summary["mismatch"], seen.odd, campaign)
     if uneven is not None:
         say_uneven(summary["mismatch"], uneven, campaign)
+    if swings is not None:
+        say_swinging(summary["mismatch"], swings, campaign)
     if clip < math.inf and limit is not None:
         say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
     lap("write")

@@ -24,6 +24,7 @@ from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit
 from .reread import Rereading
+from .swinging import Swinging
 from .uneven import Uneven
 from .verdict import Fact, silent
 from .words import silent_note, statement
@@ -152,6 +153,17 @@ def say_uneven(mismatch: dict[str, Any], uneven: Uneven, campaign: Campaign) -> 
     what = f"scatters more at rest than {uneven.calm}"
     row = {"recording": uneven.noisy, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
            "excess": round(uneven.noisy_m / uneven.calm_m, 2)}  # fmt: skip
+    mismatch["where"] = [row, *mismatch["where"]]
+
+
+def say_swinging(mismatch: dict[str, Any], swings: Swinging, campaign: Campaign) -> None:
+    """Put what swings at rest into the "mismatch" of a summary."""
+    t = next(r for r in campaign.recordings if r.name == swings.recording).time_s
+    mismatch["detected"] = mismatch["in_readings"] = True
+    mismatch["p_value"] = min(mismatch["p_value"], swings.p_value)
+    what = f"swings at {swings.frequency_Hz:.3g} Hz at rest"
+    row = {"recording": swings.recording, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
+           "excess": round(math.sqrt(swings.ratio), 2)}  # fmt: skip
     mismatch["where"] = [row, *mismatch["where"]]
 
 

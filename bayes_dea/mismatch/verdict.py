@@ -48,8 +48,8 @@ def verdict_of(
     """The name that is claimed, the probabilities with what is established joined on, the physics behind each name.
 
     And the shift in s, below one sample, that a name carries unsaid. Claimed is the likeliest one, and none where
-    that is not ruled out (`FALSE_ALARMS`). uneven: recordings scatter unlike each other at rest, which "none" does not
-    explain.
+    that is not ruled out (`FALSE_ALARMS`). uneven: recordings scatter unlike each other at rest, or swing there, which
+    "none" does not explain.
     """
     shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s

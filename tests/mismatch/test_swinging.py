@@ -1,0 +1,60 @@
+"""What swings at a frequency of its own while the command stands still is no noise."""
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed, problem_of
+from scipy.signal import lfilter
+from test_campaign_faults import with_column
+
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.swinging import swinging
+
+STEP_M = 0.15e-6
+
+
+def shaken(campaign, sd_m, hz=11.3, zeta=0.01, seed=1):
+    """The stand shakes at its resonance, driven by white noise: another stretch of it in every recording."""
+    for k, r in enumerate(campaign.recordings):
+        def shake(y, r, k=k):
+            w, rng = 2 * np.pi * hz * 1e-3, np.random.default_rng([seed, k])
+            pole = np.exp(-zeta * w)
+            x = lfilter([1.0], [1.0, -2 * pole * np.cos(w), pole**2], rng.standard_normal(y.size + 20_000))[20_000:]
+            return y + sd_m * x / np.std(x)
+
+        campaign = with_column(campaign, r.name, shake)
+    return campaign
+
+
+def fitted(campaign):
+    problem, prior, q = problem_of(campaign)
+    return refit(problem, q, prior.start(), prior)
+
+
+@pytest.mark.parametrize("sd_m", [1.5e-6, 2e-5])
+def test_a_stand_that_shakes_is_seen_with_its_frequency_and_size(sd_m):
+    found = swinging(fitted(shaken(concealed(), sd_m)), STEP_M)
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(11.3, abs=1.0)
+    assert found.amplitude_m == pytest.approx(np.sqrt(2.0) * sd_m, rel=0.5)
+    assert "swing at" in found.note()
+
+
+@pytest.mark.parametrize(("rho", "scale"), [(0.0, 1.0), (0.8, 0.5), (0.8, 2.0)])
+def test_noise_has_no_line(rho, scale):
+    """What is asked for, four times the neighbours at a chance of one in a million, never comes in nine campaigns."""
+    for seed in range(3):
+        assert swinging(fitted(concealed(rho=rho, scale=scale, seed=seed)), STEP_M) is None
+
+
+def test_what_a_wrong_model_leaves_creeps_and_does_not_swing():
+    for effects in ({"dielectric_absorption": {"chi": 0.05, "tau_d_s": 0.7}}, {"mains_pickup": {"mains_m": 2e-6}}):
+        assert swinging(fitted(concealed(effects)), STEP_M) is None
+
+
+def test_it_is_unknown_and_said():
+    result = diagnose(shaken(concealed(), 2e-6), "hooke+gm3", seed=1)
+    assert result.verdict == "unknown"
+    assert "Hz by" in result.summary["statement"]
+    assert result.summary["mismatch"]["detected"]
+    assert any("swings at 11" in row["what"] for row in result.summary["mismatch"]["where"])
