@@ -245,7 +245,8 @@ def _once(
     corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
-        mended = repair(best, looks)
+        # what else is there was explained
+        mended = repair(best, looks) if swings is None or not best.adequate else swings.repair(best.weighed.name)
     say("proving", 0, 1, "recordings kept for validation")
     seen.spoiled(corrected, identify=False)
     clip = limit.value_m if limit is not None and "sensor_clipping" in verdict.split("+") else math.inf

@@ -9,6 +9,7 @@ creeps there by a law is in that.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,20 @@ class Swinging:
             f"readings swing at {self.frequency_Hz:.3g} Hz by {1e6 * self.amplitude_m:.2g} um where the command stands "
             "still; noise of a sensor does not, so something shakes that is on no list: the stand, a fan, a supply"
         )
+
+
+    def repair(self, partial: str) -> dict[str, Any]:
+        """The "repair" of diagnosis.json (see `unknown.repair`); partial: the best explanation of everything else."""
+        what = f"a swing at {self.frequency_Hz:.3g} Hz"
+        term = {"term": what, "mean": self.amplitude_m, "sd": self.amplitude_m / self.ratio**0.5, "unit": "m",
+                "inclusion_probability": 1.0 - self.p_value}  # fmt: skip
+        return {
+            "stage": "sensor",
+            "acts_on": "time alone, also where the command stands still",
+            "form": f"{1e6 * self.amplitude_m:.2g} um x ({what})",
+            "terms": [term],
+            "partial": partial,
+        }
 
 
 def swinging(fit: Fit, resolution: float) -> Swinging | None:

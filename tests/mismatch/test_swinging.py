@@ -56,5 +56,7 @@ def test_it_is_unknown_and_said():
     result = diagnose(shaken(concealed(), 2e-6), "hooke+gm3", seed=1)
     assert result.verdict == "unknown"
     assert "Hz by" in result.summary["statement"]
+    assert "sensor stage and goes with time alone" in result.summary["statement"]
+    assert result.summary["repair"]["terms"][0]["mean"] == pytest.approx(np.sqrt(2.0) * 2e-6, rel=0.5)
     assert result.summary["mismatch"]["detected"]
     assert any("swings at 11" in row["what"] for row in result.summary["mismatch"]["where"])
