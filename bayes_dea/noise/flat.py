@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.scratch import BLOCK, beside, pieces
 
-#: repeats from which on a run can be too long
-_SHORTEST = 5
+#: repeats from which on a run can be too long, and the share of repeats from which on steps are coarser than noise
+_SHORTEST, _COARSE = 5, 0.5
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,11 @@ def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
 
     noise_sd: what the sensor scatters by at rest, in the unit of y. Where it does not scatter, repeats say nothing. A
     value that is held several times is a limit, the end of a range within drop-outs, and is left to those who ask for
-    it. What answers to the model is no reason to keep a reading that was not taken.
+    it; a sensor that repeats itself most of the time has steps coarser than its noise.
     """
     x = np.asarray(y, dtype=float)
     out = beside(x, np.bool_)
-    if not noise_sd > 0.0:
+    if not noise_sd > 0.0 or _runs(x)[2] > _COARSE * x.size:
         return out
     flats = [f for f in find_flat(x) if f.kind == "stuck"]
     values = [f.value for f in flats]

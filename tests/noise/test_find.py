@@ -311,6 +311,13 @@ class TestFlat:
         assert not stuck_rows(cut, 2.2).any()
         assert not stuck_rows(np.round(wave / 20) * 20, 0.0).any()
 
+    @pytest.mark.parametrize("rho", [0.0, 0.8, 0.95])
+    def test_correlated_noise_in_coarse_steps_is_not_held(self, rho):
+        e = np.random.default_rng(29).standard_normal(300_000)
+        x = lfilter([1.0], [1.0, -rho], e) * np.sqrt(1 - rho**2)
+        for step in (0.15, 1.0, 2.0, 3.0):
+            assert not stuck_rows(np.round(x / step) * step, 1.0).any()
+
     def test_quantised_noise_is_neither(self):
         rng = np.random.default_rng(25)
         for step in (0.15, 1.0, 5.0, 20.0):
