@@ -59,6 +59,16 @@ class _Step:
         return float(self.time[-1] - self.time[0])
 
 
+@dataclass(frozen=True)
+class _Wave:
+    """A wave and its swings: lowest voltage of them, first and last row. Rests before and after lie at another."""
+
+    frequency_Hz: float
+    lowest: float
+    first: int
+    last: int
+
+
 def check_specimens(recordings: Sequence[Recording], sensors: Mapping[str, Sensor]) -> list[str]:
     """A text for the worst pair of each specimen that cannot be one and the same; empty where nothing can be said."""
     sensor = sensors.get("displacement", Sensor())
@@ -69,7 +79,7 @@ def check_specimens(recordings: Sequence[Recording], sensors: Mapping[str, Senso
         members = [r for r in candidates if r.specimen == specimen]
         worst: tuple[float, str] = (FACTOR, "")
         steps = {r.name: _held_step(r) for r in members}
-        waves = {r.name: _frequency(r) if steps[r.name] is None else 0.0 for r in members}
+        waves = {r.name: _wave(r) if steps[r.name] is None else None for r in members}
         for i, b in enumerate(members):
             for a in members[:i]:
                 found = _compare(a, b, steps, waves, noise)
@@ -80,25 +90,25 @@ def check_specimens(recordings: Sequence[Recording], sensors: Mapping[str, Senso
     return problems
 
 
-def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], waves: Mapping[str, float],
+def _compare(a: Recording, b: Recording, steps: Mapping[str, _Step | None], waves: Mapping[str, _Wave | None],
              noise: float) -> tuple[float, str] | None:
     """(factor between the two strokes, text), None where they cannot be compared or agree."""
     if a.kind != b.kind or a.actuator != b.actuator:
         return None
-    one, two = steps[a.name], steps[b.name]
+    one, two, here, there = steps[a.name], steps[b.name], waves[a.name], waves[b.name]
     if one is not None and two is not None:
         volts = (one.volts, two.volts)
         until = min(one.length_s, two.length_s)
         strokes = (one.stroke(until), two.stroke(until))
         what = f"{until:.3g} s after the step"
-    elif waves[a.name] > 0.0 and waves[b.name] > 0.0:
-        if abs(np.log(waves[a.name] / waves[b.name])) > _SAME_FREQUENCY:
+    elif here is not None and there is not None:
+        if abs(np.log(here.frequency_Hz / there.frequency_Hz)) > _SAME_FREQUENCY:
             return None
         volts = (_largest(a), _largest(b))
-        if abs(_trough(a) - _trough(b)) > _SAME_VOLTAGE * volts[0]:
+        if abs(here.lowest - there.lowest) > _SAME_VOLTAGE * volts[0]:
             return None
-        strokes = (_later_span(a), _later_span(b))
-        what = f"peak to peak at {waves[a.name]:.3g} Hz"
+        strokes = (_later_span(a, here), _later_span(b, there))
+        what = f"peak to peak at {here.frequency_Hz:.3g} Hz"
     else:
         return None
     if abs(np.log(volts[0] / volts[1])) > _SAME_VOLTAGE or not np.all(np.isfinite(strokes)):
@@ -149,20 +159,17 @@ def _held_step(r: Recording) -> _Step | None:
     return _Step(top, float(np.nanmedian(rest)), time, reading)
 
 
-def _frequency(r: Recording) -> float:
-    return dominant_frequency(r.columns["voltage_V"], r.time_s)
-
-
-def _trough(r: Recording) -> float:
-    """Lowest voltage of the swings of a wave: rests before and after lie at another."""
+def _wave(r: Recording) -> _Wave | None:
     v = r.columns["voltage_V"]
+    frequency = dominant_frequency(v, r.time_s)
+    if frequency <= 0.0:
+        return None
     _, first, last = swings(v)
-    return float(np.nanmin(v[first : last + 1]))
+    return _Wave(frequency, float(np.nanmin(v[first : last + 1])), first, last)
 
 
-def _later_span(r: Recording) -> float:
-    _, first, last = swings(r.columns["voltage_V"])
-    y = _some(r.columns["displacement_m"][(first + last) // 2 : last + 1])
+def _later_span(r: Recording, wave: _Wave) -> float:
+    y = _some(r.columns["displacement_m"][(wave.first + wave.last) // 2 : wave.last + 1])
     if np.isfinite(y).sum() < _LEAST_SAMPLES:
         return float("nan")
     low, high = np.nanpercentile(y, [5, 95])

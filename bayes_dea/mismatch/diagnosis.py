@@ -369,7 +369,9 @@ def _drawn(
         return None
     fit = named_fit(naming, name)
     own = own_index(base, fit.problem.model)
-    if own.size == 1 and fit.problem.reached_by(name.split("+")) is None and "force" in fit.noise.sigma:
+    pressed = any(p.channel == "force" for p in fit.problem.pieces)
+    # reached_by: None for an effect that acts in a press too
+    if own.size == 1 and pressed and fit.problem.reached_by(name.split("+")) is None:
         return profiled(fit, int(own[0]), tell)
     return posterior(fit, own, rng, tell) if own.size else None
 

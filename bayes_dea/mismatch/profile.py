@@ -75,9 +75,8 @@ def _held(
     """(value, minus log density, coordinates, sensitivities) with coordinate `own` held, the rest fitted from q."""
     a, b = low.copy(), high.copy()
     a[own] = b[own] = value
-    start = q.copy()
     rest = np.setdiff1d(np.arange(q.size), own)
-    end = descend(fit.problem, np.clip(start, a, b), fit.noise, a, b, _DESCENT, 0.01, None, known=near)
+    end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.01, None, known=near)
     if end is None:
         return None
     H = (end.gram[1:, 1:] + end.prior[2])[np.ix_(rest, rest)]

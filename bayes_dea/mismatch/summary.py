@@ -135,35 +135,32 @@ def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:
     """Put a recording of another actuator into the "mismatch" of a summary."""
-    t = next(r for r in campaign.recordings if r.name == odd.odd).time_s
     excess = abs(odd.ratio - 1.0) / max(odd.ratio_se, 5e-4)
-    mismatch["detected"] = mismatch["in_readings"] = True
-    mismatch["p_value"] = min(mismatch["p_value"], max(math.erfc(excess / math.sqrt(2)), 1e-300))
-    what = "of another actuator: left out"
-    row = {"recording": odd.odd, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
-           "excess": round(excess, 2)}  # fmt: skip
-    mismatch["where"] = [row, *mismatch["where"]]
+    p_value = math.erfc(excess / math.sqrt(2))
+    _say_of_whole(mismatch, campaign, str(odd.odd), "of another actuator: left out", p_value, excess)
 
 
 def say_uneven(mismatch: dict[str, Any], uneven: Uneven, campaign: Campaign) -> None:
     """Put a recording that scatters unlike others into the "mismatch" of a summary."""
-    t = next(r for r in campaign.recordings if r.name == uneven.noisy).time_s
-    mismatch["detected"] = mismatch["in_readings"] = True
-    mismatch["p_value"] = min(mismatch["p_value"], uneven.p_value)
     what = f"scatters more at rest than {uneven.calm}"
-    row = {"recording": uneven.noisy, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
-           "excess": round(uneven.noisy_m / uneven.calm_m, 2)}  # fmt: skip
-    mismatch["where"] = [row, *mismatch["where"]]
+    _say_of_whole(mismatch, campaign, uneven.noisy, what, uneven.p_value, uneven.noisy_m / uneven.calm_m)
 
 
 def say_swinging(mismatch: dict[str, Any], swings: Swinging, campaign: Campaign) -> None:
     """Put what swings at rest into the "mismatch" of a summary."""
-    t = next(r for r in campaign.recordings if r.name == swings.recording).time_s
-    mismatch["detected"] = mismatch["in_readings"] = True
-    mismatch["p_value"] = min(mismatch["p_value"], swings.p_value)
     what = f"swings at {swings.frequency_Hz:.3g} Hz at rest"
-    row = {"recording": swings.recording, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
-           "excess": round(math.sqrt(swings.ratio), 2)}  # fmt: skip
+    _say_of_whole(mismatch, campaign, swings.recording, what, swings.p_value, math.sqrt(swings.ratio))
+
+
+def _say_of_whole(
+    mismatch: dict[str, Any], campaign: Campaign, name: str, what: str, p_value: float, excess: float
+) -> None:
+    """Put what the readings of a whole recording show by themselves into the "mismatch" of a summary."""
+    t = next(r for r in campaign.recordings if r.name == name).time_s
+    mismatch["detected"] = mismatch["in_readings"] = True
+    mismatch["p_value"] = min(mismatch["p_value"], max(p_value, 1e-300))
+    row = {"recording": name, "t_start_s": float(t[0]), "t_end_s": float(t[-1]), "what": what,
+           "excess": round(excess, 2)}  # fmt: skip
     mismatch["where"] = [row, *mismatch["where"]]
 
 

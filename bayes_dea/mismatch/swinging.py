@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import detrend, periodogram
 from scipy.stats import gamma
 
 from ..models.electrostatics import filled_input
+from ..noise.quiet import still_windows, stillness
 from .reduced import Piece
 from .refit import Fit
 
@@ -23,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: rows of a segment, rows after a change of the command that are left out, segments of a recording at most, and in all
 _SEGMENT, _AFTER, _MOST, _LEAST = 1024, 2048, 200, 20
+#: share of a segment's rows that has to be observed; the rest is bridged
+_OBSERVED = 0.98
 #: bins that a slow drift may fill, bins around one that do not count as its neighbours, and bins that do
 _SLOW, _OWN, _AROUND = 4, 4, 24
 #: times its neighbours that a bin has to be, and the chance of it in all bins below which it is no chance
@@ -80,28 +84,19 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
 
 
 def _segments(piece: Piece, left: Array) -> Array:
-    """Periodograms (k, bins) in m^2 of stretches in which the command stands still, their straight line taken out."""
+    """Power densities (k, bins) of stretches in which the command stands still, less their straight lines; m^2 row."""
     p = piece.prepared
     u = filled_input(p.recording.columns["voltage_V"])
-    span = float(np.ptp(u))
-    moves = np.flatnonzero(np.abs(np.diff(u)) > 1e-3 * max(span, 1e-9))
-    starts = np.concatenate([[0], moves + 1 + _AFTER])
-    stops = np.concatenate([moves + 1, [u.size]])
-    t = np.linspace(-1.0, 1.0, _SEGMENT)
-    window = np.hanning(_SEGMENT)
-    window /= np.sqrt(np.sum(window**2))
-    out: list[Array] = []
-    for a, b in zip(starts, stops, strict=True):
-        for k in range(int(a), int(b) - _SEGMENT + 1, _SEGMENT):
-            if len(out) >= _MOST:
-                break
-            seen, v = p.observed[k : k + _SEGMENT], left[k : k + _SEGMENT]
-            if seen.mean() < 0.98:
-                continue
-            v = np.where(seen, v, np.interp(np.arange(_SEGMENT), np.flatnonzero(seen), v[seen]))
-            v = v - v.mean() - (t @ v) / (t @ t) * t
-            out.append(np.abs(np.fft.rfft(window * v)) ** 2)
-    return np.array(out)
+    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), _SEGMENT, _AFTER)
+    rows = np.arange(_SEGMENT)
+    parts = []
+    for begin in starts[:_MOST]:
+        seen, v = p.observed[begin : begin + _SEGMENT], left[begin : begin + _SEGMENT]
+        if seen.mean() > _OBSERVED:
+            parts.append(np.where(seen, v, np.interp(rows, rows[seen], v[seen])))
+    if not parts:
+        return np.empty((0, 0))
+    return np.asarray(periodogram(detrend(np.array(parts)), window="hann", detrend=False)[1], dtype=float)
 
 
 def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
@@ -129,9 +124,8 @@ def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
     p_value = min(float(gamma.sf(count * ratio, count)) * power.size, 1.0)
     if ratio < _TIMES or p_value > _CHANCE:
         return None
-    # the power of a swing of amplitude a is a^2/4 in all bins of a one-sided spectrum with a window of norm one
+    # a swing of amplitude a has the variance a^2/2, in bins one segment's inverse wide
     own = slice(max(k - _OWN, 0), k + _OWN + 1)
-    above = float(np.sum(np.maximum(power[own] - power[k] / ratio, 0.0)))
-    amplitude = 2.0 * np.sqrt(above / _SEGMENT)
+    amplitude = np.sqrt(2.0 * np.sum(np.maximum(power[own] - power[k] / ratio, 0.0)) / _SEGMENT)
     most = max(parts, key=lambda part: float(part[1][:, k].mean()))[0]
     return Swinging(k * width_Hz, float(amplitude), ratio, max(p_value, 1e-300), most)

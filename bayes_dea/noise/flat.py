@@ -12,6 +12,11 @@ from bayes_dea.campaign.scratch import BLOCK, beside, pieces
 
 #: repeats from which on a run can be too long, and the share of repeats from which on steps are coarser than noise
 _SHORTEST, _COARSE = 5, 0.5
+#: chance in a recording of noise alone
+FALSE_ALARM = 1e-6
+
+#: first rows and numbers of repeats of the runs of `_SHORTEST` repeats or more, and the repeats of all runs
+Runs = tuple[NDArray[np.int64], NDArray[np.int64], int]
 
 
 @dataclass(frozen=True)
@@ -24,7 +29,7 @@ class Flat:
     kind: str
 
 
-def find_flat(y: ArrayLike, *, false_alarm: float = 1e-6) -> tuple[Flat, ...]:
+def find_flat(y: ArrayLike, *, false_alarm: float = FALSE_ALARM) -> tuple[Flat, ...]:
     """Runs of equal readings that are too long to be chance.
 
     With p the share of readings equal to the one before (long runs left out), a run of k repeats has a
@@ -36,10 +41,13 @@ def find_flat(y: ArrayLike, *, false_alarm: float = 1e-6) -> tuple[Flat, ...]:
     y : output, shape (n,); nan cells end a run.
     """
     x = np.asarray(y, dtype=float)
-    if x.size < 16:
-        return ()
-    first, length, repeats = _runs(x)
-    if first.size == 0:
+    return _too_long(x, _runs(x), false_alarm)
+
+
+def _too_long(x: NDArray[np.float64], runs: Runs, false_alarm: float) -> tuple[Flat, ...]:
+    """Those of all runs that are too long to be chance."""
+    first, length, repeats = runs
+    if x.size < 16 or first.size == 0:
         return ()
     limit = math.inf
     # long runs raise the share that they are judged by: leave out what was found and judge again
@@ -58,8 +66,7 @@ def find_flat(y: ArrayLike, *, false_alarm: float = 1e-6) -> tuple[Flat, ...]:
     return tuple(found)
 
 
-def _runs(x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """First rows and numbers of repeats of the runs of `_SHORTEST` repeats or more, and the repeats of all runs."""
+def _runs(x: NDArray[np.float64]) -> Runs:
     starts, lengths, total = [], [], 0
     row, before = 0, math.nan  # the first row and value of the run that is going on
     for part in pieces(x.size, BLOCK):
@@ -77,6 +84,8 @@ def _runs(x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64],
     if last >= _SHORTEST:
         starts.append(np.array([row]))
         lengths.append(np.array([last]))
+    if not starts:
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), 0
     return np.concatenate(starts).astype(np.int64), np.concatenate(lengths).astype(np.int64), total
 
 
@@ -89,9 +98,10 @@ def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
     """
     x = np.asarray(y, dtype=float)
     out = beside(x, np.bool_)
-    if not noise_sd > 0.0 or _runs(x)[2] > _COARSE * x.size:
+    runs = _runs(x) if noise_sd > 0.0 else None
+    if runs is None or runs[2] > _COARSE * x.size:
         return out
-    flats = [f for f in find_flat(x) if f.kind == "stuck"]
+    flats = [f for f in _too_long(x, runs, FALSE_ALARM) if f.kind == "stuck"]
     values = [f.value for f in flats]
     for f in flats:
         if values.count(f.value) == 1:

@@ -36,8 +36,10 @@ def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float 
     width = resolution if resolution > 0 else 1e-9 * max(abs(highest), 1e-300)
     if _piles_up(columns, highest, width):
         return highest
-    least = _BEYOND * sum(x.size for x in columns)
-    top = np.sort(np.concatenate([x[x >= np.quantile(x, 0.5)] for x in columns]))[::-1]
+    every = np.concatenate(columns)
+    least = _BEYOND * every.size
+    # values that so few lie above, and all readings of each
+    top = np.sort(every[every >= np.quantile(every, 1.0 - 2.0 * _BEYOND)])[::-1]
     _, first, count = np.unique(np.rint((highest - top) / width), return_index=True, return_counts=True)
     for above, n in zip(first, count, strict=True):
         if above > least:

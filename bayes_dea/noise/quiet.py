@@ -59,17 +59,22 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     if finite.size < 64:
         return _without_rest(kept(values, good))
     step = median(differences(t, good))
-    tolerance = max(0.005 * float(finite.max() - finite.min()), 8 * input_noise(finite))
+    tolerance = stillness(finite)
     settle = round(settle_s / step) if step > 0 else 0
     for width in (256, 128, 64):
-        starts = _windows(drive, good, tolerance, width, max(settle, width))
+        starts = still_windows(drive, good, tolerance, width, max(settle, width))
         if starts.size >= 8 or (width == 64 and starts.size):
             return _from_windows(values, starts, width)
     return _without_rest(kept(values, good))
 
 
+def stillness(u: Array) -> float:
+    """Within what an input (n,), all finite, stands still, in its unit: half a per cent of its span or its noise."""
+    return float(max(0.005 * float(u.max() - u.min()), 8 * input_noise(u)))
+
+
 @njit(cache=True)
-def _windows(u, good, tolerance, width, settle):
+def still_windows(u, good, tolerance, width, settle):
     """First rows of windows inside stretches in which u keeps within the tolerance."""
     n = u.size
     out = np.empty(n // width + 1, dtype=np.int64)

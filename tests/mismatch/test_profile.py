@@ -64,8 +64,8 @@ def test_draws_along_sensitivities_of_one_place_are_far_too_narrow_there(fitted)
     values, weight = profiled(fit, own)
     mean = weight @ values[:, 0]
     sd = np.sqrt(weight @ (values[:, 0] - mean) ** 2)
-    if drawn is not None:
-        theta, w = drawn[0][:, 0], drawn[1]
-        assert np.sqrt(w @ (theta - w @ theta) ** 2) < 0.3 * sd
+    assert drawn is not None
+    theta, w = drawn[0][:, 0], drawn[1]
+    assert np.sqrt(w @ (theta - w @ theta) ** 2) < 0.3 * sd
     assert abs(np.log(BETA) - mean) < 2.0 * sd
     assert 0.01 < sd < 0.1

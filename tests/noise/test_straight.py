@@ -101,11 +101,12 @@ def test_rows_beside_a_corner_are_known_as_such(stop_s):
     for seed in range(40):
         t, x = ramp(seed, stop_s)
         _, straight = pieces_of(t, x)
-        at = set(np.flatnonzero(straight.at_corners(t)))
-        first = 98 if 98 in at else 99
-        assert {first, 99, 100, first + 3} <= at
-        assert {124, 125, 126} <= at
-        assert len(at) == 8
+        at = np.flatnonzero(straight.at_corners(t)).tolist()
+        # a corner at a row (1 s, 1.25 s) is found to either side of it, one between rows is not
+        starts = ([98, 99, 100, 101], [99, 100, 101, 102])
+        stops = ([123, 124, 125, 126], [124, 125, 126, 127])
+        assert at[:4] in starts
+        assert at[4:] in (stops if stop_s == 1.25 else stops[1:])
         sides.append(straight.time_s[np.argmin(np.abs(straight.time_s - stop_s))] < stop_s)
     assert 10 <= sum(sides) <= 30  # the premise: by chance on either side
 
