@@ -11,6 +11,9 @@ import numpy as np
 from ..priors import prior_folder
 
 FILE = "confidence.toml"
+#: most that is given to one of several explanations that act: what splits them is a few nats, and equations that are a
+#: little off, or on no list, are worth as much
+_SHARED = 0.8
 
 
 @cache
@@ -26,8 +29,12 @@ def _map() -> tuple[tuple[float, ...], tuple[float, ...]]:
 def confidence_of(raw: float, members: Sequence[str]) -> float:
     """Confidence of a verdict from its raw probability and the explanations that cannot be told apart.
 
-    Where there is more than one of these, it is never above the probability itself (CONTRACT 4).
+    Where there is more than one of these, it is never above the probability itself (CONTRACT 4), and where the
+    verdict, the first of them, and another say that something acts, never above 0.8: only the set is claimed.
     """
     x, y = _map()
     confidence = float(np.clip(np.interp(raw, x, y), 0.0, 1.0))
-    return min(confidence, raw) if len(members) > 1 else confidence
+    if len(members) > 1:
+        confidence = min(confidence, raw)
+    shared = sum(m != "none" for m in members) > 1 and members[0] != "none"
+    return min(confidence, _SHARED) if shared else confidence
