@@ -23,6 +23,9 @@ FALSE_ALARM = 1e-3
 _RUN, _REACH, _AROUND = 3, 60, 6
 #: samples before an edge that a wrong convention of the command moves, and after one that has no like, left alone
 _AHEAD, _AT_EDGE = 2, 8
+#: rows after an edge from which on a reading behind others that stand where they belong is not late (a wrong convention
+#: of the command moves one)
+_ARRIVED = 2
 #: share of its size that a reading must stand away from the straight continuations of either side
 _KINK = 0.35
 #: a step as large as another, in shares of that
@@ -76,8 +79,8 @@ def isolated_outliers(
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
       where there are but two). In the first 8 rows after an
       edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
-      than two of these, nothing is flagged. What lies on the side where the reading was before the edge (late) is
-      held against steps at least as large only.
+      than two of these, nothing is flagged. What lies on the side where the reading was before the edge, at it or one
+      row after (late), is held against steps at least as large only.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
@@ -148,7 +151,9 @@ def _returns(
     near = np.flatnonzero((lag >= -_AHEAD - length) & (lag < _REACH))
     if near.size:
         last = near[np.argmin(np.abs(lag[near]))]
-        alike = np.flatnonzero(_alike(back.jump, float(back.jump[last]), float(own)))
+        # behind rows that have arrived nothing is late
+        late = own * back.jump[last] < 0 and lag[last] < _ARRIVED
+        alike = np.flatnonzero(_alike(back.jump, float(back.jump[last]), late))
         alike = alike[alike != last]
         if alike.size == 0:
             if lag[last] >= _AT_EDGE:
@@ -156,7 +161,7 @@ def _returns(
             found = [
                 _shown(x, at.edges[same] + lag[last], at.jump[same] / back.jump[last], length, float(own))
                 for x, at in elsewhere
-                for same in [_alike(at.jump, float(back.jump[last]), float(own))]
+                for same in [_alike(at.jump, float(back.jump[last]), late)]
             ]
             share = np.concatenate([np.empty(0), *found])
             return share.size < 2 or _comes_back(share)  # nothing to compare with: nothing is claimed
@@ -173,14 +178,14 @@ def _returns(
     return _comes_back(share) if share.size else bool(near.size)
 
 
-def _alike(jumps: Array, jump: float, own: float) -> NDArray[np.bool_]:
+def _alike(jumps: Array, jump: float, late: bool) -> NDArray[np.bool_]:
     """Edges at which an answer to an edge would show again: of its direction.
 
     What is late may be so because a limit was reached (a supply of limited current), which a smaller step does not
     reach: it is held against steps as large only. Nothing goes too far because of a limit.
     """
     same = np.sign(jumps) == np.sign(jump)
-    return np.asarray(same & (np.abs(jumps) >= _AS_LARGE * abs(jump)) if own * jump < 0 else same)
+    return np.asarray(same & (np.abs(jumps) >= _AS_LARGE * abs(jump)) if late else same)
 
 
 def _shown(r: Array, rows: NDArray[np.int64], weight: Array, length: int, own: float) -> Array:
