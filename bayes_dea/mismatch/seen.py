@@ -59,7 +59,8 @@ class Seen:
         for name, found in rows.items():
             self._rows[name] = self._rows.get(name, np.zeros_like(found)) | found
         by_name = {p.name: p for p in self.pieces}
-        self.warnings = {n: false_reading_warning(by_name[n], r) for n, r in self._rows.items()}
+        # a recording that was put aside as odd is not looked at any more
+        self.warnings = {n: false_reading_warning(by_name[n], r) for n, r in self._rows.items() if n in by_name}
         used = tuple(by_name[p.name] for p in self.base.problem.pieces)
         self.base = replace(self.base, problem=replace(self.base.problem, pieces=used))
         return True
