@@ -10,9 +10,11 @@ from ..models.model import Model
 from ..priors import Prior
 
 #: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
-#: activates, R_l exp(-sqrt(E/E_0)), with E_0 as of a Poole-Frenkel law in silicone (catalogue of missing physics, E7)
+#: activates, R_l exp(-sqrt(E/E_0)) (catalogue of missing physics, E7). E_0 = (kT)^2 pi eps_0 eps_r / q^3 is 0.32 MV/m
+#: for Poole-Frenkel emission in silicone at 300 K, four times that for Schottky emission; what is measured lies about
+#: either, and above where fields are not even
 VARIANTS: dict[str, dict[str, Prior]] = {
-    "leakage": {"E_0_V_per_m": Prior("loguniform", 1e6, 1e7), "R_leak_ohm": Prior("loguniform", 1e5, 1e12)},
+    "leakage": {"E_0_V_per_m": Prior("loguniform", 2e5, 1e7), "R_leak_ohm": Prior("loguniform", 1e5, 1e13)},
 }
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few

@@ -37,3 +37,13 @@ def test_a_leak_far_below_its_resistance_at_no_field_is_found():
     at = {k: found[k]["map"] for k in true}
     taken = [p["R_s_ohm"] / (p["R_leak_ohm"] * np.exp(-np.sqrt(4.8e7 / p["E_0_V_per_m"]))) for p in (at, true)]
     assert taken[0] == pytest.approx(taken[1], rel=0.1)
+
+
+@pytest.mark.long
+def test_a_leak_of_poole_frenkel_emission_is_found():
+    """E_0 of 0.3 MV/m: 30 Gohm at no field, 100 kohm at 1,200 V, behind 5 kohm."""
+    true = {"R_leak_ohm": 3e10, "R_s_ohm": 5e3, "E_0_V_per_m": 3e5}
+    result = diagnose(concealed({"leakage": true}), "hooke+gm3", seed=1)
+    assert result.verdict == "leakage"
+    found = result.summary["hypotheses"][0]["parameters"]["E_0_V_per_m"]
+    assert found["q05"] < 3e5 < found["q95"]
