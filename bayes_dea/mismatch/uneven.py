@@ -2,7 +2,9 @@
 
 A ripple of the supply, something that swings, a loose clamp: what is faster than the windows of the search, and no line
 of the mains, looks like noise, and noise that grows with it excuses everything. But a sensor's noise is the same in
-every recording of a campaign; where it is not, something else is in it.
+every recording of a campaign; where it is not, something else is in it. A level that differs by some ten per cent is
+still noise, as long as its colour is the same: what swings is more correlated from reading to reading than what a
+sensor scatters by.
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ from .reduced import Piece
 
 #: readings at rest from which on a recording is compared, and the ratio and standard errors that count
 _LEAST, _RATIO, _ERRORS = 4096, 1.4, 8.0
+#: ratio that counts whatever the colour, standard errors of the correlation by which it differs
+_MUCH, _COLOUR = 2.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -59,10 +63,16 @@ def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
     if low <= 0.0 or high < _RATIO * low or math.sqrt(high**2 - low**2) < resolution:
         return None
     z = math.log(high / low) / error
-    if z < _ERRORS:
+    if z < _ERRORS or (high < _MUCH * low and not _other_colour(noisy, calm)):
         return None
     pairs = 0.5 * len(seen) * (len(seen) - 1)
     return Uneven(noisy.name, calm.name, high, low, max(min(2.0 * pairs * float(norm.sf(z)), 1.0), 1e-300))
+
+
+def _other_colour(a: Prepared, b: Prepared) -> bool:
+    """Whether the correlation of neighbouring readings differs (Bartlett's variance (1 - rho^2) / n of AR(1))."""
+    variance = sum((1.0 - min(abs(p.quiet_rho), 0.999) ** 2) / p.quiet_n for p in (a, b))
+    return abs(a.quiet_rho - b.quiet_rho) > _COLOUR * math.sqrt(variance)
 
 
 def _scatter(p: Prepared) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
+from scipy.signal import lfilter
 from test_campaign_faults import with_column
 
 from bayes_dea.assemble import assemble
@@ -46,6 +47,30 @@ def test_a_ripple_is_found_and_said():
     assert "creep_1200V.csv: scatters by" in seen.note()
     # one that the readings cannot show beside their noise is not claimed
     assert found(rippled(concealed(rho=0.4), 1e-6)) is None
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_a_level_of_noise_of_the_same_colour_is_no_physics_until_it_is_far_off(rho):
+    """One recording with 1.6 times the noise of the others, and with 3 times."""
+    def louder(times):
+        def scattered(y, r):
+            rng = np.random.default_rng(5)
+            e = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(y.size))
+            return y + 4.7e-6 * np.sqrt(times**2 - 1.0) * e
+
+        return with_column(concealed(rho=rho), "creep_600V.csv", scattered)
+
+    assert found(louder(1.6)) is None
+    seen = found(louder(3.0))
+    assert seen is not None
+    assert seen.noisy == "creep_600V.csv"
+    # the same level, but slower than the sensor's own: that is something else
+    def slow(y, r):
+        return y + 4.7e-6 * 1.8 * np.sin(2 * np.pi * 12.476 * r.time_s)
+
+    other = found(with_column(concealed(rho=rho), "creep_600V.csv", slow))
+    assert other is not None
+    assert other.noisy_m < 2.0 * other.calm_m  # the premise
 
 
 def test_mains_that_only_some_recordings_show_is_named_by_itself():
