@@ -182,9 +182,8 @@ def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
         xx = np.dot(W[0], W[0])
         xy = np.dot(W[0], W[1])
         yy = np.dot(W[1], W[1])
+        M[:] = np.dot(W[2:], W[2:].T)
         for i in range(m):
-            for j in range(i + 1):
-                M[i, j] = np.dot(W[2 + i], W[2 + j])
             M[i, i] += precision[i]
             v[i, 0] = np.dot(W[2 + i], W[0])
             v[i, 1] = np.dot(W[2 + i], W[1])

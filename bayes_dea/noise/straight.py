@@ -28,6 +28,27 @@ _DOUBT = 5.0
 _BESIDE = 2
 #: fewest readings of a line whose error is known as that of a line, and how many lines
 _LEAST, _MOST = 4, 40
+#: cosines along a line by which it may be bent: fewest blocks for each, highest order, standard errors that show one,
+#: how many in all; the orders of a line that is part of a curve
+_BLOCKS_A_WAVE, _HIGHEST, _SHOWN, _WAVES, _CURVE = 3, 60, 4.5, 40, (2, 3)
+#: standard errors by which the slope of a line differs from rest
+_MOVES = 3.0
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A cosine along a line: its piece, half-waves, sd in that of one reading, and where its line begins and ends."""
+
+    piece: int
+    order: int
+    size: float
+    start_s: float
+    stop_s: float
+
+    def at(self, time_s: Array) -> Array:
+        """The cosine (n,) at times (n,) s, of height `size`."""
+        along = np.clip((time_s - self.start_s) / (self.stop_s - self.start_s), 0.0, 1.0)
+        return np.asarray(self.size * np.cos(math.pi * self.order * along))
 
 
 @dataclass(frozen=True)
@@ -36,7 +57,7 @@ class Straight:
 
     centre_s, value, slope (k,): the line; rows (k,): readings behind it; spread_s (k,): sd of their times.
     begin_s (k,): where it begins, at the crossing with the line before if the two meet there. time_s, level (c,):
-    corners, between which the input is straight.
+    corners, between which the input is straight. waves: what of the input its lines may miss.
     """
 
     first: NDArray[np.int64]
@@ -49,6 +70,7 @@ class Straight:
     begin_s: Array
     time_s: Array
     level: Array
+    waves: tuple[Wave, ...] = ()
 
     @property
     def corners(self) -> Array:
@@ -62,8 +84,8 @@ class Straight:
     def errors(self, time_s: Array) -> tuple[Array, NDArray[np.bool_]]:
         """What readings of sd 1 leave in the lines at times (n,) s: columns (k, n) of sd 1, and where none stands (n,).
 
-        Level and slope of the longest lines through several blocks, independent of one another; elsewhere a mean of
-        readings is as scattered as these.
+        Level and slope of the longest lines through several blocks, independent of one another, and how they may be
+        bent; elsewhere a mean of readings is as scattered as these.
         """
         several = (self.stop - self.first > 1) & (self.rows >= _LEAST)
         longest = np.argsort(-self.rows * several, kind="stable")[:_MOST]
@@ -72,6 +94,7 @@ class Straight:
         for k in np.sort(longest[several[longest]]):
             level = (piece == k) / np.sqrt(self.rows[k])
             columns += [level, level * (time_s - self.centre_s[k]) / self.spread_s[k]]
+            columns += [np.where(piece == k, wave.at(time_s), 0.0) for wave in self.waves if wave.piece == k]
         lines = np.array(columns).reshape(-1, time_s.size)
         return lines, ~np.any(lines != 0.0, axis=0)
 
@@ -107,8 +130,44 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     rows = np.add.reduceat(blocks.count, first)
     # blocks begin and end with rows
     begin, end = time_s[blocks.start[first]], time_s[blocks.stop[stop - 1] - 1]
-    begin, *corners = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
-    return Straight(first, stop, centre, value, slope, rows, spread, begin, *corners)
+    begin, time, level = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
+    waves = _waves(t, u, w, sd, first, stop, slope)
+    return Straight(first, stop, centre, value, slope, rows, spread, begin, time, level, waves)
+
+
+def _waves(
+    t: Array, u: Array, w: Array, sd: float, first: NDArray[np.int64], stop: NDArray[np.int64], slope: Array
+) -> tuple[Wave, ...]:
+    """How the lines may be bent: a machine gathers speed, or swings about its way.
+
+    What readings show counts by its height. Where speeds follow one another in one direction lines stand for a curve,
+    and may miss of it what the readings do not tell.
+    """
+    found: list[Wave] = []
+    moving = np.zeros(first.size, dtype=np.int64)
+    for k in np.flatnonzero(stop - first > 1):
+        a, b = int(first[k]), int(stop[k])
+        tt = float(np.sum(w[a:b] * (t[a:b] - np.average(t[a:b], weights=w[a:b])) ** 2))
+        moving[k] = np.sign(slope[k]) if abs(slope[k]) * math.sqrt(tt) > _MOVES else 0
+    onward = (moving[1:] == moving[:-1]) & (moving[1:] != 0)
+    curved = np.append(onward, False) | np.append(False, onward)
+    for k in np.flatnonzero(stop - first >= _CURVE[0] * _BLOCKS_A_WAVE):
+        part = slice(int(first[k]), int(stop[k]))
+        orders = np.arange(_CURVE[0], min((part.stop - part.start) // _BLOCKS_A_WAVE, _HIGHEST) + 1)
+        along = (t[part] - t[part.start]) / (t[part.stop - 1] - t[part.start])
+        root = np.sqrt(w[part])
+        line = np.linalg.qr(np.stack([root, root * along]).T)[0]
+        rows = root[:, None] * np.cos(math.pi * along[:, None] * orders)
+        rows -= line @ (line.T @ rows)
+        rest = root * u[part] - line @ (line.T @ (root * u[part]))
+        known = np.sum(rows**2, axis=0)
+        height, error = rows.T @ rest / known, 1.0 / np.sqrt(known)
+        seen = np.abs(height) > _SHOWN * error
+        for i in np.flatnonzero(seen | (curved[k] & np.isin(orders, _CURVE))):
+            size = math.hypot(height[i], error[i]) / sd
+            found.append(Wave(int(k), int(orders[i]), size, float(t[part.start]), float(t[part.stop - 1])))
+    weight = [wave.size**2 * float(w[first[wave.piece] : stop[wave.piece]].sum()) for wave in found]
+    return tuple(found[i] for i in np.argsort(-np.array(weight), kind="stable")[:_WAVES])
 
 
 @njit(cache=True)
@@ -272,14 +331,16 @@ def _corners(
             at = centre[k] + (value[k + 1] - value[k] + slope[k + 1] * (centre[k] - centre[k + 1])) / bend
             last, following = stop[k] - 1, first[k + 1]
             early, late = abs(bend) * (t[last] - at), abs(bend) * (at - t[following])
-            if max(early - doubt[last], late - doubt[following]) <= 0.0 and t[first[k]] < at < t[stop[k + 1] - 1]:
+            # not before the line begins, itself at a crossing perhaps
+            within = max(t[first[k]], begin[k]) < at < t[stop[k + 1] - 1]
+            if max(early - doubt[last], late - doubt[following]) <= 0.0 and within:
                 time.append(at)
                 level.append(on(k, at))
                 begin[k + 1] = at
                 continue
         if not single[k]:
-            time.append(end[k])
-            level.append(on(k, end[k]))
+            time.append(max(end[k], begin[k]))
+            level.append(on(k, time[-1]))
         time.append(centre[k + 1] if single[k + 1] else begin[k + 1])
         level.append(value[k + 1] if single[k + 1] else on(k + 1, begin[k + 1]))
     order = np.maximum.accumulate(np.array(time))
