@@ -29,6 +29,8 @@ _THIRD = 3.0
 _ALIKE, _PARTNERS = 30.0, 3
 #: the same as a share of the misfit that is left, for one that takes the place of what is dear to simulate
 _BESIDE = 0.25
+#: the same for one that is tried as the first of a pair where nothing beside the leading one is enough, and how many
+_NEXT, _NEXT_ONES = 0.5, 2
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
 _PROMISING, _IN_PLACE = 0.4, 5
 #: widths of its prior from which on the best point of a grid is another place than that of a fit, and how many times
@@ -288,6 +290,36 @@ def in_place_of_the_first(
         else:
             found = beside(start, model, rest, prior, overrides, say, rng, reached=reached)
             out += [replace(t, size_m=effect_size(other.fit, t.fit)) for t in found if t.fit is not start.fit]
+    return out
+
+
+def beside_the_next(
+    first: Weighed, pairs: Sequence[Weighed], weighed: Sequence[Weighed], model: Model, names: list[str],
+    prior: NoisePrior, overrides: Mapping[str, object], say: Report, rng: np.random.Generator,
+    adequate: Callable[[Fit], bool],
+) -> list[Weighed]:
+    """Pairs of those that explain less alone than `first` does, where no pair with it leaves noise.
+
+    What leads alone may do a part of the work of two others, and be neither (the curvature of a sensor for a dead zone
+    and absorption). pairs: those with `first`.
+    """
+    behind = _NEXT * excess(first.fit, prior)
+    following = sorted(
+        (
+            w for w in weighed
+            if len(w.effects) == 1 and w.effects != first.effects and w.refitted and not DEAR.intersection(w.effects)
+            and first.log_evidence - behind < w.log_evidence < first.log_evidence - _ALIKE
+        ),
+        key=lambda w: -w.log_evidence,
+    )  # fmt: skip
+    out: list[Weighed] = []
+    for other in following[:_NEXT_ONES]:
+        if adequate(_top([*pairs, *out], first).fit):
+            break
+        tried = {w.effects for w in [*pairs, *out]}
+        rest = [n for n in names if together(other.effects, n) not in tried]
+        reached = min((w.value for w in [*pairs, *out]), default=math.inf)
+        out += beside(other, model, rest, prior, overrides, say, rng, adequate, reached=reached)
     return out
 
 

@@ -19,7 +19,15 @@ from .discrepancy import Discrepancy, basis, discrepancy
 from .elements import counted
 from .features import Features
 from .frame import Frame
-from .further import HIDDEN, beside, beside_the_leader, freed, in_place_of_the_first, second_thoughts
+from .further import (
+    HIDDEN,
+    beside,
+    beside_the_leader,
+    beside_the_next,
+    freed,
+    in_place_of_the_first,
+    second_thoughts,
+)
 from .grid import Screened
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
 from .known import Known
@@ -198,6 +206,10 @@ def name_physics(
             swapped = in_place_of_the_first(
                 first, more, known.counting, model, names, prior, given, say, rng, free is not None
             )
+            if not enough_alone:
+                swapped += beside_the_next(
+                    first, more + swapped, known.counting, model, names, prior, given, say, rng, adequate
+                )
             known.take(swapped)
             more += [w for w in swapped if known.enough(w)]
         if not more:

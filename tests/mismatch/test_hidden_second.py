@@ -57,3 +57,15 @@ def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
     assert result.summary["indistinguishable"] == ["acquisition_delay"]
     assert sum("acquisition_delay" in effects and len(effects) == 2 for effects in looked_at) > 15
     assert fitted == []
+
+
+@pytest.mark.long
+def test_two_that_the_leading_one_does_a_part_of_are_found_in_its_place(tmp_path):
+    """A dead zone and absorption: the curvature of a sensor explains more than either alone, and is neither."""
+    case = draw_case(1563102)
+    result = diagnose(load_campaign(write_case(case, tmp_path / "campaign")), case.model, seed=1)
+    weighed = result.naming.weighed
+    led = weighed["sensor_nonlinearity"].log_evidence
+    assert led > max(weighed[n].log_evidence for n in ("supply_dead_zone", "dielectric_absorption")) + 1000.0  # premise
+    assert result.verdict == "supply_dead_zone+dielectric_absorption"
+    assert result.naming.best.adequate
