@@ -32,7 +32,7 @@ _COARSEST = 2.0
 #: quantiles of a log-normal strength below those of the grid
 _WEAK = (0.02, 0.004)
 #: the same of a strength that is uniform from zero, in shares of its range
-_SLIGHT = (0.04, 0.008)
+_SLIGHT = (0.04, 0.008, 0.0016)
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
 _IDLE = 1e-3
 _SECTIONS = 12

@@ -4,9 +4,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.bench.concealed import draw_case, write_case
+from bayes_dea.campaign import load_campaign
 from bayes_dea.mismatch import name
+from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.frame import Frame
 from bayes_dea.mismatch.grid import Scored, parabola, screen
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
@@ -100,3 +104,15 @@ def test_what_is_left_is_judged_beside_an_effect_too_small_to_be_claimed(monkeyp
     assert judged(replace(drift, effects=("sensor_drift",))) is best
     assert judged(replace(drift, log_evidence=90.0)) is best
     assert math.isclose(best.scan.p_value, 1e-8)
+
+
+@pytest.mark.long
+def test_a_strength_of_a_four_hundredth_of_its_prior_is_found(tmp_path):
+    """Retention of 0.19 % in quiet recordings, 22 nats: five times as much looks a thousand nats worse than none."""
+    case = draw_case(1563172)
+    assert case.effects["charge_retention"]["a_q"] < 0.0025 * 0.8  # the premise: of a prior from 0 to 0.8
+    result = diagnose(load_campaign(write_case(case, tmp_path / "campaign")), case.model, seed=1)
+    assert result.verdict == "charge_retention"
+    found = result.summary["hypotheses"][0]["parameters"]["a_q"]
+    assert found["q05"] < 1.2 * case.effects["charge_retention"]["a_q"]
+    assert found["q95"] > case.effects["charge_retention"]["a_q"]
