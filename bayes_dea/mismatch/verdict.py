@@ -91,8 +91,8 @@ def indistinguishable(verdict: str, p: dict[str, float]) -> list[str]:
 
 def silent(naming: Naming) -> bool:
     """Whether these recordings would show hardly any effect even where it is strong."""
-    screened = len(naming.weighed)
-    return screened > 0 and len(naming.visible) < _SILENT * screened
+    alone = [n for n in naming.weighed if "+" not in n]
+    return len([n for n in alone if n in naming.visible]) < _SILENT * len(alone)
 
 
 def _as_before(naming: Naming) -> dict[str, float]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bayes_dea.mismatch.timing import sample_step_s
-from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, verdict_of
+from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
 
 
@@ -41,3 +41,14 @@ def test_a_likelier_name_that_is_not_claimed_is_said(diagnosed):
     text = statement(summary, calm, result.assembled, "none")
     assert "No physics is claimed" in text
     assert "series_resistance explains the recordings better (probability 0.8)" in text
+
+
+def test_pairs_that_were_tried_do_not_make_recordings_silent(naming):
+    """Only effects alone are asked whether they would show; a long search weighs a hundred pairs beside them."""
+    alone = [n for n in naming.weighed if "+" not in n]
+    assert len(naming.visible) > 0.5 * len(alone)  # the premise
+    one = naming.weighed["series_resistance"]
+    pairs = {f"{a}+{b}": one for a in alone for b in alone if a < b}
+    assert len(naming.visible) < 0.25 * len(pairs)
+    assert not silent(replace(naming, weighed=naming.weighed | pairs))
+    assert silent(replace(naming, visible=naming.visible[:1]))
