@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 
 from ..priors import prior_folder
+from .hypotheses import NONE
 
 FILE = "confidence.toml"
 #: most that is given to one of several explanations that act: what splits them is a few nats, and equations that are a
@@ -36,5 +37,5 @@ def confidence_of(raw: float, members: Sequence[str]) -> float:
     confidence = float(np.clip(np.interp(raw, x, y), 0.0, 1.0))
     if len(members) > 1:
         confidence = min(confidence, raw)
-    shared = sum(m != "none" for m in members) > 1 and members[0] != "none"
-    return min(confidence, _SHARED) if shared else confidence
+    acting = [m for m in members if m != NONE]
+    return min(confidence, _SHARED) if len(acting) > 1 and members[0] != NONE else confidence

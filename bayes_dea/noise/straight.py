@@ -131,26 +131,27 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     # blocks begin and end with rows
     begin, end = time_s[blocks.start[first]], time_s[blocks.stop[stop - 1] - 1]
     begin, time, level = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
-    waves = _waves(t, u, w, sd, first, stop, slope)
+    onward = _onward(slope, np.abs(slope) * spread * np.sqrt(rows) > _MOVES * sd)
+    waves = _waves(t, u, w, sd, first, stop, onward)
     return Straight(first, stop, centre, value, slope, rows, spread, begin, time, level, waves)
 
 
+def _onward(slope: Array, moves: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Lines (k,) before or after which the input goes on in the same direction, at another speed."""
+    same = moves[1:] & moves[:-1] & (slope[1:] * slope[:-1] > 0.0)
+    return np.append(same, False) | np.append(False, same)
+
+
 def _waves(
-    t: Array, u: Array, w: Array, sd: float, first: NDArray[np.int64], stop: NDArray[np.int64], slope: Array
+    t: Array, u: Array, w: Array, sd: float, first: NDArray[np.int64], stop: NDArray[np.int64],
+    curved: NDArray[np.bool_],
 ) -> tuple[Wave, ...]:
     """How the lines may be bent: a machine gathers speed, or swings about its way.
 
-    What readings show counts by its height. Where speeds follow one another in one direction lines stand for a curve,
-    and may miss of it what the readings do not tell.
+    What readings show counts by its height. Lines that are part of a curve (k,) may miss of it what the readings do not
+    tell.
     """
     found: list[Wave] = []
-    moving = np.zeros(first.size, dtype=np.int64)
-    for k in np.flatnonzero(stop - first > 1):
-        a, b = int(first[k]), int(stop[k])
-        tt = float(np.sum(w[a:b] * (t[a:b] - np.average(t[a:b], weights=w[a:b])) ** 2))
-        moving[k] = np.sign(slope[k]) if abs(slope[k]) * math.sqrt(tt) > _MOVES else 0
-    onward = (moving[1:] == moving[:-1]) & (moving[1:] != 0)
-    curved = np.append(onward, False) | np.append(False, onward)
     for k in np.flatnonzero(stop - first >= _CURVE[0] * _BLOCKS_A_WAVE):
         part = slice(int(first[k]), int(stop[k]))
         orders = np.arange(_CURVE[0], min((part.stop - part.start) // _BLOCKS_A_WAVE, _HIGHEST) + 1)
@@ -166,8 +167,8 @@ def _waves(
         for i in np.flatnonzero(seen | (curved[k] & np.isin(orders, _CURVE))):
             size = math.hypot(height[i], error[i]) / sd
             found.append(Wave(int(k), int(orders[i]), size, float(t[part.start]), float(t[part.stop - 1])))
-    weight = [wave.size**2 * float(w[first[wave.piece] : stop[wave.piece]].sum()) for wave in found]
-    return tuple(found[i] for i in np.argsort(-np.array(weight), kind="stable")[:_WAVES])
+    largest = sorted(found, key=lambda wave: -wave.size**2 * float(w[first[wave.piece] : stop[wave.piece]].sum()))
+    return tuple(largest[:_WAVES])
 
 
 @njit(cache=True)

