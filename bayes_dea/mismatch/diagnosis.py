@@ -32,6 +32,7 @@ from .journal import Journal
 from .locate import ADEQUATE, scan
 from .name import Explanation, Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior, noise_prior
+from .own_gains import MOVED, gains_of, own_gains, worth_a_search
 from .problem import Problem
 from .profile import profiled
 from .prove import HeldOut, held_out, unanswered, without_validation
@@ -41,7 +42,7 @@ from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .ridge import posterior
 from .seen import Seen
 from .size import STEP_M
-from .summary import say_clipped, say_odd, say_swinging, say_uneven, summarise
+from .summary import say_clipped, say_gains, say_odd, say_swinging, say_uneven, summarise
 from .swinging import swinging
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
@@ -197,7 +198,7 @@ def _once(
     lap("reduce")
     resolution = _resolution(campaign)
 
-    def named() -> Naming:
+    def named(seen: Seen) -> Naming:
         memory: dict[str, Screened] = {}
         for last in range(_ROUNDS, -1, -1):
             base = seen.base
@@ -226,12 +227,21 @@ def _once(
     retimed = _retimed(seen.base, campaign, priors, prior, r_name, lambda *at: say("rereading", *at))
     if retimed is not None:
         seen.take(retimed)
-    naming = named()
-    reread = _reread(naming, prior, r_name, lambda *at: say("rereading", *at))
+    naming = named(seen)
+    reread = _reread(naming, seen.pieces, prior, r_name, lambda *at: say("rereading", *at))
     if reread is not None:
-        say("reading the campaign again", 0, 1, reread.odd or f"hold = {reread.hold}")
+        how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
+        say("reading the campaign again", 0, 1, how)
         seen.take(reread)
-        naming = named()
+        naming = named(seen)
+    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior):
+        say("reading the campaign again", 0, 1, "a gain of each recording")
+        other = seen.copy()
+        other.take(Rereading(seen.base, 0.0, gains=True))
+        again = named(other)
+        if again.best.adequate:
+            seen, naming = other, again
+    gains = gains_of(naming.best.weighed.fit) if seen.loose else None
     base = naming.none.weighed.fit
     looks = [features(p) for p in base.problem.pieces]
     lap("name")
@@ -241,12 +251,17 @@ def _once(
     # a limit of the sensor cuts off noise as well
     uneven = uneven_scatter(seen.pieces, resolution) if limit is None else None
     swings = swinging(best.weighed.fit, resolution)
-    verdict, raw, physics, delays = verdict_of(naming, facts, step, uneven is not None or swings is not None)
+    strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
+    verdict, raw, physics, delays = verdict_of(naming, facts, step, strange)
     corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
         # what else is there was explained
-        mended = repair(best, looks) if swings is None or not best.adequate else swings.repair(best.weighed.name)
+        mended = repair(best, looks)
+        if best.adequate and swings is not None:
+            mended = swings.repair(best.weighed.name)
+        elif best.adequate and gains is not None:
+            mended = gains.repair(best.weighed.name)
     say("proving", 0, 1, "recordings kept for validation")
     seen.spoiled(corrected, identify=False)
     clip = limit.value_m if limit is not None and "sensor_clipping" in verdict.split("+") else math.inf
@@ -278,11 +293,13 @@ def _once(
         notes.append(uneven.note())
     if swings is not None:
         notes.append(swings.note())
+    if gains is not None:
+        notes.append(gains.note())
     if explanation.small is not None and verdict != UNKNOWN:
         notes.append(small_note(explanation.small, explanation.weighed))
     if verdict in delays:
         notes.append(timing_note(delays[verdict], step))
-    if verdict != UNKNOWN:
+    if verdict != UNKNOWN and gains is None:
         held = tuple(p for p in scored if not p.identify)
         held = held if limit is None else beyond_reach(held, limit, corrected)
         notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
@@ -301,6 +318,8 @@ def _once(
         say_uneven(summary["mismatch"], uneven, campaign)
     if swings is not None:
         say_swinging(summary["mismatch"], swings, campaign)
+    if gains is not None:
+        say_gains(summary["mismatch"], gains, campaign)
     if clip < math.inf and limit is not None:
         say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
     lap("write")
@@ -336,7 +355,9 @@ def _retimed(
     return None if delayed is not None and delayed > best.log_weight else best
 
 
-def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence) -> Rereading | None:
+def _reread(
+    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> Rereading | None:
     """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
     if naming.none.adequate:
         return None
@@ -344,12 +365,27 @@ def _reread(naming: Naming, prior: NoisePrior, rng: np.random.Generator, tell: T
     found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
     if not naming.best.adequate and naming.best is not naming.none:
         found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
+    for explanation in {id(e): e for e in (naming.none, naming.best)}.values():
+        loose = own_gains(explanation.weighed.fit, pieces, prior)
+        if loose is not None and scan(loose, rng).p_value > ADEQUATE:
+            name = explanation.weighed.name
+            odds = naming.log_weight[name] - naming.log_evidence[name]
+            found.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
     if not found:
         return None
     top = max(found, key=lambda r: r.log_weight)
     # "unknown" takes what nothing else explains; another reading does
     rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
     return top if top.log_weight > rival or not naming.best.adequate else None
+
+
+def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:
+    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves."""
+    for fit in {id(f): f for f in (naming.none.weighed.fit, naming.best.weighed.fit)}.values():
+        loose = own_gains(fit, pieces, prior)
+        if loose is not None and worth_a_search(fit, loose, prior):
+            return True
+    return False
 
 
 def named_fit(naming: Naming, name: str) -> Fit:

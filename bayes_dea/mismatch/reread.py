@@ -40,7 +40,7 @@ _DIFFERENT = 0.02
 
 @dataclass(frozen=True)
 class Rereading:
-    """The base under another reading. log_weight: log evidence and log prior; hold or odd says what is different."""
+    """The base under another reading. log_weight: log evidence and log prior; hold, odd or gains says what differs."""
 
     base: Fit
     log_weight: float
@@ -48,6 +48,7 @@ class Rereading:
     odd: str = ""
     ratio: float = 1.0  # displacement of the odd recording over what the others lead to expect
     ratio_se: float = 0.0
+    gains: bool = False  # each recording has its own
 
 
 def other_holds(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .clipped import Limit, below
 from .noise_prior import NoisePrior
 from .outliers import false_reading_warning, false_readings, without
+from .own_gains import apart, own_gains
 from .reduced import Piece
 from .refit import Fit, refit
 from .reread import Rereading, hold_note, odd_note, stated_hold, with_hold
@@ -23,13 +24,26 @@ class Seen:
         self.warnings: dict[str, str] = {}
         self.notes: list[str] = []
         self.odd: Rereading | None = None
+        self.loose = False  # every recording has a gain of its own
         self._rows: dict[str, NDArray[np.bool_]] = {}
+
+    def copy(self) -> Seen:
+        """The same, to try another reading on."""
+        out = Seen(self.base, self.pieces, self.prior)
+        out.warnings, out.notes, out.odd = dict(self.warnings), list(self.notes), self.odd
+        out.loose, out._rows = self.loose, dict(self._rows)
+        return out
 
     def take(self, r: Rereading) -> None:
         """Go on with another reading of the campaign."""
         if r.hold:
             self.notes.append(hold_note(r.hold, stated_hold(self.pieces)))
             self.pieces = tuple(with_hold(p, r.hold) for p in self.pieces)
+        elif r.gains:
+            moved = own_gains(self.base, self.pieces, self.prior)
+            if moved is not None:
+                self.base, self.pieces, self.loose = moved, apart(self.pieces), True
+            return
         else:
             self.odd = r
             self.notes.append(odd_note(r))

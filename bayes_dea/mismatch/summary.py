@@ -20,6 +20,7 @@ from .features import Features
 from .hypotheses import MAINS, NONE, UNKNOWN, extended, law_of
 from .locate import excess_by, where
 from .name import Naming
+from .own_gains import Gains
 from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit
@@ -150,6 +151,15 @@ def say_swinging(mismatch: dict[str, Any], swings: Swinging, campaign: Campaign)
     """Put what swings at rest into the "mismatch" of a summary."""
     what = f"swings at {swings.frequency_Hz:.3g} Hz at rest"
     _say_of_whole(mismatch, campaign, swings.recording, what, swings.p_value, math.sqrt(swings.ratio))
+
+
+def say_gains(mismatch: dict[str, Any], gains: Gains, campaign: Campaign) -> None:
+    """Put recordings that have gains of their own into the "mismatch" of a summary: the two that differ most."""
+    p_value = math.erfc(gains.sigmas / math.sqrt(2))
+    for name in reversed(gains.widest):
+        what = f"a gain of its own: {gains.ratio[name]:.3f} times the others'"
+        excess = abs(gains.ratio[name] - 1.0) / max(gains.se[name], 1e-12)
+        _say_of_whole(mismatch, campaign, name, what, p_value, excess)
 
 
 def _say_of_whole(
