@@ -23,6 +23,7 @@ from .likelihood.prepare import Prepared, prepare_all, rate_classes, rested
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
 from .models.model import Model, build_model
 from .noise.edges import input_noise
+from .noise.limit import limit_warning
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
@@ -78,6 +79,8 @@ def assemble(
             require(r.actuator, ("stack_height_m", "total_area_m2"), f"{r.name} (a mechanical recording)")
     prepared = prepare_all(campaign, used, workers, report)
     warnings += _disturbances(prepared)
+    if "sensor_clipping" not in model.spec.effects:
+        warnings += _limits(prepared)
     voltage = tuple(p for p in prepared if p.recording.is_voltage)
     mechanical = tuple(p for p in prepared if p.recording.is_mechanical)
     terms: dict[str, NoiseTerms] = {}
@@ -231,6 +234,16 @@ def _disturbances(prepared: Sequence[Prepared]) -> list[str]:
                 f"{_UNITS[p.channel]} {how}"
             )
     return out
+
+
+def _limits(prepared: Sequence[Prepared]) -> list[str]:
+    """Where readings stop at the end of a sensor's range: one of the displacement reads all recordings."""
+    seen = [p for p in prepared if p.channel == "displacement"]
+    if not seen:
+        return []
+    resolution = max(p.sensor.resolution or 0.0 for p in seen)
+    said = limit_warning({p.name: p.y for p in seen}, resolution, _UNITS["displacement"])
+    return [] if said is None else [said]
 
 
 def _count(dropouts: int) -> str:

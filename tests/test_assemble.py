@@ -135,6 +135,20 @@ def test_disturbances_are_found_and_said():
     assert "mains at 50.0" in text
 
 
+def test_readings_at_the_end_of_a_range_are_said_unless_the_model_knows_of_it():
+    campaign = bench_campaign(plan(CREEP, FAST))
+    top = 0.9 * np.nanmax(campaign.recordings[0].columns["displacement_m"])
+    cut = replace(campaign, recordings=tuple(
+        replace(r, columns={**r.columns, "displacement_m": np.minimum(r.columns["displacement_m"], top)})
+        for r in campaign.recordings
+    ))  # fmt: skip
+    said = [w for w in assemble(cut, build_model("hooke+gm2")).warnings if "readings stop at" in w]
+    assert len(said) == 1
+    assert "add +sensor_clipping" in said[0]
+    for a in (assemble(cut, build_model("hooke+gm2+sensor_clipping")), assemble(campaign, build_model("hooke+gm2"))):
+        assert not any("readings stop at" in w for w in a.warnings)
+
+
 def test_drop_outs_of_many_recordings_are_one_line():
     faults = Faults(displacement=ChannelFaults(dropout_probability=0.003, dropout_min=1e-4))
     creeps = [

@@ -107,17 +107,3 @@ def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
         if values.count(f.value) == 1:
             out[f.start + 1 : f.stop] = True
     return out
-
-
-def flat_warning(flats: tuple[Flat, ...], name: str) -> str | None:
-    """One line that a person can act on, or None."""
-    if not flats:
-        return None
-    rows = sum(f.stop - f.start for f in flats)
-    clipped = sum(f.kind == "clipped" for f in flats)
-    worst = max(flats, key=lambda f: f.stop - f.start)
-    what = "clipped at the end of the sensor's range" if clipped == len(flats) else (
-        "stuck" if clipped == 0 else "stuck or clipped")
-    return (f"{name}: {rows} readings in {len(flats)} stretches look {what} (longest: rows "
-            f"{worst.start + 1} to {worst.stop}, all {worst.value:.6g}); "
-            "check the sensor, or make these cells nan")

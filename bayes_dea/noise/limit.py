@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from bayes_dea.campaign.scratch import BLOCK, pieces
 
 Array = NDArray[np.float64]
 
@@ -28,21 +30,19 @@ def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float 
     readings : columns of one sensor, nan for what was not observed. resolution : its quantisation step; without one
     the highest value must recur to the last digit.
     """
-    columns = [x[np.isfinite(x)] for x in (np.asarray(r, dtype=float) for r in readings)]
-    columns = [x for x in columns if x.size]
-    if not columns:
+    columns = [np.asarray(r, dtype=float) for r in readings]
+    total = sum(int(np.count_nonzero(np.isfinite(x[part]))) for x in columns for part in pieces(x.size, BLOCK))
+    if total == 0:
         return None
-    highest = max(float(x.max()) for x in columns)
+    top = _highest(columns, 1 + int(2.0 * _BEYOND * total))
+    highest = float(top[0])
     width = resolution if resolution > 0 else 1e-9 * max(abs(highest), 1e-300)
     if _piles_up(columns, highest, width):
         return highest
-    every = np.concatenate(columns)
-    least = _BEYOND * every.size
     # values that so few lie above, and all readings of each
-    top = np.sort(every[every >= np.quantile(every, 1.0 - 2.0 * _BEYOND)])[::-1]
     _, first, count = np.unique(np.rint((highest - top) / width), return_index=True, return_counts=True)
     for above, n in zip(first, count, strict=True):
-        if above > least:
+        if above > _BEYOND * total:
             break
         value = float(top[above])
         if n < _LEAST or above > _RARE * n:
@@ -52,12 +52,38 @@ def find_limit(readings: Sequence[ArrayLike], resolution: float = 0.0) -> float 
     return None
 
 
+def _highest(columns: Sequence[Array], n: int) -> Array:
+    """The n highest readings (n,), the highest first."""
+    out = np.empty(0)
+    for x in columns:
+        for part in pieces(x.size, BLOCK):
+            v = x[part]
+            least = out[-1] if out.size == n else -np.inf
+            out = np.sort(np.concatenate([out, v[np.isfinite(v) & (v > least)]]))[::-1][:n]
+    return out
+
+
+def limit_warning(readings: Mapping[str, ArrayLike], resolution: float, unit: str) -> str | None:
+    """One line that a person can act on, where readings by name of recording end at a limit; else None."""
+    value = find_limit(list(readings.values()), resolution)
+    if value is None:
+        return None
+    counts = {name: int(np.count_nonzero(near_limit(y, value, resolution, 0))) for name, y in readings.items()}
+    named = ", ".join(f"{name} {n}" for name, n in counts.items() if n)
+    return (
+        f"{sum(counts.values())} readings stop at {value:.6g} {unit}, as at the end of a sensor's range ({named}). "
+        "What was cut off pulls every parameter; add +sensor_clipping to the model, or diagnose, which leaves them out"
+    )
+
+
 def _piles_up(columns: Sequence[Array], value: float, width: float) -> bool:
     counts = np.zeros(_BINS + 1)
     for x in columns:
-        near = x[(x > value - (_BINS + 0.5) * width) & (x < value + 0.5 * width)]
-        below = np.rint((value - near) / width).astype(np.int64)
-        counts += np.bincount(np.clip(below, 0, _BINS), minlength=_BINS + 1)
+        for part in pieces(x.size, BLOCK):
+            v = x[part]
+            near = v[(v > value - (_BINS + 0.5) * width) & (v < value + 0.5 * width)]
+            below = np.rint((value - near) / width).astype(np.int64)
+            counts += np.bincount(np.clip(below, 0, _BINS), minlength=_BINS + 1)
     return bool(counts[0] >= _LEAST and counts[0] >= _TIMES * max(float(counts[1:].max()), 1.0))
 
 
@@ -65,8 +91,13 @@ def _visits(columns: Sequence[Array], value: float, width: float) -> int:
     """How often readings come to a value: one that a sensor holds once, for a while, is no limit."""
     total = 0
     for x in columns:
-        at = np.abs(x - value) < 0.5 * width
-        total += int(at[0]) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+        there = False
+        for part in pieces(x.size, BLOCK):
+            v = x[part]
+            at = np.abs(v[np.isfinite(v)] - value) < 0.5 * width
+            if at.size:
+                total += int(at[0] and not there) + int(np.count_nonzero(at[1:] & ~at[:-1]))
+                there = bool(at[-1])
     return total
 
 

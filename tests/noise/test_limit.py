@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_dea.noise.limit import find_limit, near_limit
+from bayes_dea.noise.limit import find_limit, limit_warning, near_limit
 
 RESOLUTION = 0.15e-6
 
@@ -67,3 +67,23 @@ def test_neither_drop_outs_nor_a_value_that_is_held_are_a_limit(seed):
     k = int(np.argmax(np.where(top < 1.5e-4, top, 0.0)))
     top[k : k + 40] = top[k]
     assert find_limit(columns, RESOLUTION) is None
+
+
+@pytest.mark.parametrize("limit", [60e-6, 130.05e-6])
+def test_a_limit_is_found_across_pieces_that_a_recording_is_read_in(limit, monkeypatch):
+    columns = readings(limit)
+    columns[0][::50] = np.nan
+    columns[1][7::1000] += 200e-6
+    whole = find_limit(columns, RESOLUTION)
+    assert whole == pytest.approx(limit, abs=RESOLUTION)
+    monkeypatch.setattr("bayes_dea.noise.limit.BLOCK", 777)
+    assert find_limit(columns, RESOLUTION) == whole
+
+
+def test_a_limit_is_said_with_where_it_is_met():
+    small, large = readings(130.05e-6)
+    said = limit_warning({"small.csv": small, "large.csv": large}, RESOLUTION, "m")
+    assert "readings stop at 0.00013005 m" in said
+    assert "(large.csv " in said
+    assert "small.csv" not in said
+    assert limit_warning({"small.csv": small}, RESOLUTION, "m") is None
