@@ -116,14 +116,15 @@ def assemble(
         else:
             groups += build_block_groups(mechanical, terms, rates["force"], "force", scatter)
     zeros = tuple(zero_prior(p) for p in mechanical if p.recording.role == "identify")
-    specimens = tuple(dict.fromkeys(p.recording.specimen for p in prepared if p.recording.role == "identify"))
-    for p in prepared:
-        if p.recording.specimen not in specimens:
-            raise InputError(
-                f"{p.name}: specimen {p.recording.specimen} has no recording to identify; give it one, "
-                "or share all parameters by calling it the same specimen"
-            )
+    # those to identify first; what one that was never fitted is made of is known where all parameters are shared
+    specimens = tuple(dict.fromkeys(p.recording.specimen for p in sorted(prepared, key=lambda p: not _fitted(p))))
     own = _own_parameters(campaign, model, specimens)
+    for p in prepared if own else ():
+        if not any(_fitted(q) for q in prepared if q.recording.specimen == p.recording.specimen):
+            raise InputError(
+                f"{p.name}: specimen {p.recording.specimen} has parameters of its own ([share]) and no recording to "
+                "identify; give it one, or share all parameters"
+            )
     if own and model.spec.effects:
         raise InputError(f"[share] parameters: {model.name} has effects, which are calibrated with everything shared; "
                          "take [share] out or calibrate the specimens one by one")
@@ -179,6 +180,10 @@ def _check_room(used: tuple[Recording, ...], model: Model, warnings: list[str]) 
         raise InputError(f"{text}, and this machine has {there / 1e9:.1f} GB. Cut the recording ([format] rows), thin "
                          "it out, or take a model without effects, which is fitted in pieces.")
     warnings.append(f"{text}.")
+
+
+def _fitted(p: Prepared) -> bool:
+    return p.recording.role == "identify"
 
 
 def _own_parameters(campaign: Campaign, model: Model, specimens: tuple[str, ...]) -> tuple[int, ...]:

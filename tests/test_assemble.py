@@ -18,6 +18,7 @@ from bayes_dea.errors import InputError
 from bayes_dea.likelihood.block_group import BlockGroup
 from bayes_dea.likelihood.linear_group import LinearGroup
 from bayes_dea.models.model import build_model
+from bayes_dea.predict_recordings import conditional_gain
 from bayes_dea.priors import Prior
 
 MATERIAL = Material(1.2e6, (70e3, 60e3), (20.0, 1.0))
@@ -118,6 +119,31 @@ def test_what_is_missing_is_named(everything):
     kept = tuple(replace(r, role="validate") for r in everything.recordings)
     with pytest.raises(InputError, match=r"give at least one in campaign\.toml"):
         assemble(replace(everything, recordings=kept), build_model("hooke+gm2"))
+
+
+def of_specimen_b(campaign, name):
+    """The campaign with one recording of another specimen."""
+    moved = (replace(r, specimen="B") if r.name == name else r for r in campaign.recordings)
+    return replace(campaign, recordings=tuple(moved))
+
+
+@pytest.mark.parametrize("spec", ["hooke+gm2", "yeoh+gm1", "hooke+gm1+series_resistance"])
+def test_a_specimen_that_was_never_fitted_is_predicted_from_what_is_shared(everything, spec):
+    a = assemble(of_specimen_b(everything, "kept.csv"), build_model(spec))
+    assert a.posterior.specimens == ("A", "B")
+    own = next(g for g in a.posterior.groups if g.specimen == "B")
+    assert [p.name for p in own.others] == ["kept.csv"]
+    q = a.posterior.prior_draws(3, np.random.default_rng(1))
+    mean, sd = conditional_gain(a.posterior, q)["displacement", "B"]
+    assert np.all(mean == 0.0)  # nothing is known of its sensor's gain but what is stated
+    assert np.all(sd == own.gain_sd)
+    assert np.isfinite(a.posterior.log_likelihood(q)).all()
+
+
+def test_a_specimen_with_parameters_of_its_own_needs_a_recording_to_identify(everything):
+    campaign = replace(of_specimen_b(everything, "kept.csv"), share=("Y_Pa",))
+    with pytest.raises(InputError, match=r"kept.csv: specimen B has parameters of its own .* no recording to identify"):
+        assemble(campaign, build_model("hooke+gm2"))
 
 
 def test_disturbances_are_found_and_said():

@@ -287,7 +287,8 @@ def _of_drive(spectrum: _Spectrum, k: int, drive: _Drive) -> bool:
     for power, strongest in zip(drive.power, drive.strongest, strict=True):
         # what y shows at the drive's strongest lines, above its noise there
         shown = sum(max(0.0, float(p[i]) - 10 * _noise_level(p, int(i))) for i in strongest)
-        if shown / float(np.sum(power[strongest])) * power[max(k - 1, 0):k + 2].max() > 0.1 * p[k]:
+        whole = float(np.sum(power[strongest]))
+        if whole > 0.0 and shown / whole * power[max(k - 1, 0):k + 2].max() > 0.1 * p[k]:
             return True
     df = f[1] - f[0]
     base = drive.fundamental_Hz

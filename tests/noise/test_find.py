@@ -48,6 +48,7 @@ T20 = np.arange(20_000) * 1e-3
 ROW = np.arange(20_000)
 DRIVES = {
     "step": np.where(T20 > 5, 1000.0, 0.0),
+    "on_from_the_second_row": np.where(ROW > 0, 1000.0, 0.0),
     "rectangle_1Hz": np.where(ROW % 1000 < 500, 1050.0, 250.0),
     "rectangle_10Hz": np.where(ROW % 100 < 50, 1050.0, 250.0),
     "sine_10Hz": 650 + 400 * np.sin(2 * np.pi * 10 * T20),
@@ -207,7 +208,7 @@ class TestMains:
         u = 650 + 400 * np.sin(2 * np.pi * 50 * T20)
         assert find_mains(answer(u, "lag") + np.random.default_rng(17).normal(size=u.size), T20, u) is None
 
-    @pytest.mark.parametrize("drive", ["rectangle_1Hz", "triangle_2Hz", "step"])
+    @pytest.mark.parametrize("drive", ["rectangle_1Hz", "triangle_2Hz", "step", "on_from_the_second_row"])
     def test_mains_under_a_drive(self, drive):
         u = DRIVES[drive]
         y = answer(u, "lag") + np.random.default_rng(18).normal(size=u.size)
