@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: chance of a false alarm in a recording whose residuals are normal AR(1) noise
 FALSE_ALARM = 1e-3
 #: largest run of false readings, samples after an edge that answer to it, rows looked at on either side
-_RUN, _REACH, _AROUND = 3, 60, 6
+_RUN, _REACH, _AROUND = 8, 60, 6
 #: samples before an edge that a wrong convention of the command moves, and after one that has no like, left alone
 _AHEAD, _AT_EDGE = 2, 8
 #: rows after an edge from which on a reading behind others that stand where they belong is not late (a wrong convention
@@ -30,8 +30,9 @@ _ARRIVED = 2
 _KINK = 0.35
 #: a step as large as another, in shares of that
 _AS_LARGE = 0.9
-#: how often larger than the largest but one of its neighbours an outlier must be
-_CONTRAST = 2.5
+#: how often larger than the largest but one of its neighbours an outlier must be; beside a run, neighbours of so many
+#: sds are noise, however large
+_CONTRAST, _NOISE = 2.5, 3.0
 #: rows put before the first and behind the last
 _PAD = 9
 #: more than this share of the rows is no fault now and then
@@ -65,7 +66,7 @@ def isolated_outliers(
 ) -> NDArray[np.bool_]:
     """Rows (n,) whose residual is a false reading.
 
-    A run of one to three rows is flagged where all of this holds:
+    A run of one to eight rows is flagged where all of this holds:
 
     - each row misses the mean that its neighbours predict under AR(1) noise, rho/(1 + rho^2) (r_before + r_after)
       with the sd sigma sqrt((1 - rho^2)/(1 + rho^2)), by more than the normal quantile of FALSE_ALARM / (2 n). sigma
@@ -73,7 +74,7 @@ def isolated_outliers(
       recording in a thousand has a false alarm, whatever its length; the other conditions lower that only;
     - it lies that far outside of the range of the medians of three rows before and after, and misses the straight
       continuations of both sides: steps, kinks and decays are not flagged;
-    - it is 2.5 times as large as all but one of its neighbours: ringing is not flagged;
+    - it is 2.5 times as large as all but one of its neighbours (of a run: or these are noise): ringing is not flagged;
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
@@ -100,7 +101,7 @@ def isolated_outliers(
     share = rho / (1.0 + rho * rho)
     theory = sd * np.sqrt((1.0 - rho * rho) / (1.0 + rho * rho))
     step = float(np.median(np.diff(t[good])))
-    for length in range(1, _RUN + 1):
+    for length in range(_RUN, 0, -1):  # the whole of a run before parts of it
         before, after = x[: -length - 1], x[length + 1 :]
         inner = np.stack([x[1 + k : x.size - length + k] for k in range(length)])
         miss = inner - share * (before + after) * (1.0 if length == 1 else 0.0)
@@ -111,15 +112,15 @@ def isolated_outliers(
         same = np.abs(np.sign(miss).sum(axis=0)) == length
         for at in np.flatnonzero(same & (np.abs(miss).min(axis=0) > limit)) + 1:
             rows = good[max(at - _PAD, 0) : max(at + length - _PAD, 0)]
-            if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit) and not _returns(
+            if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit, sd) and not _returns(
                 r, int(rows[0]), length, step, t, back, elsewhere
             ):
                 out[rows] = True
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
 
 
-def _alone(x: Array, at: int, length: int, limit: float) -> bool:
-    """Whether a run stands out of what lies before and after it."""
+def _alone(x: Array, at: int, length: int, limit: float, sd: float) -> bool:
+    """Whether a run stands out of what lies before and after it. sd: of the noise."""
     left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
     farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
     run = x[at : at + length]
@@ -133,7 +134,8 @@ def _alone(x: Array, at: int, length: int, limit: float) -> bool:
     if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
         return False
     around = np.concatenate([x[max(at - _AROUND, 0) : at] - left, x[at + length : at + length + _AROUND] - right])
-    return size > _CONTRAST * float(np.sort(np.abs(around))[-2])
+    second = float(np.sort(np.abs(around))[-2])
+    return size > _CONTRAST * second or (length > 1 and second < _NOISE * sd)
 
 
 def _returns(

@@ -53,9 +53,34 @@ def test_a_run_and_the_first_and_the_last_row_are_found():
     assert found(r, back).tolist() == rows
 
 
-@pytest.mark.parametrize("rows", [1, 2, 3])
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+@pytest.mark.parametrize("rows", [4, 8])
+def test_a_run_of_several_readings_that_noise_surrounds_is_found(rho, rows):
+    """Of twelve sds, at twenty places: each row has to stand five above what lies beside the run."""
+    _, back = wave()
+    rng = np.random.default_rng(12)
+    hits = 0
+    for row in range(1010, 3010, 100):
+        r = noise(6000, rho, rng)
+        r[row : row + rows] -= 48e-6
+        hits += found(r, back, rho).tolist() == list(range(row, row + rows))
+    assert hits >= 18
+
+
+def test_what_swells_and_falls_or_rings_once_is_no_false_reading():
+    _, back = wave()
+    r = noise(6000, 0.0, np.random.default_rng(13))
+    swell, ringing = r.copy(), r.copy()
+    swell[2020:2060] += 60e-6 * np.sin(np.pi * np.arange(40) / 40)
+    t = np.arange(60)
+    ringing[2020:2080] += 60e-6 * np.exp(-t / 25) * np.sin(np.pi * t / 8)
+    assert found(swell, back).size == 0
+    assert found(ringing, back).size == 0
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 5, 8])
 def test_what_comes_back_at_every_edge_is_physics(rows):
-    """An error of one to three samples right after each edge, as a delay leaves it."""
+    """An error of one to eight samples right after each edge, as a delay leaves it."""
     _, back = wave()
     r = noise(6000, 0.0, np.random.default_rng(6))
     for k in range(rows):
