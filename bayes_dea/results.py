@@ -108,5 +108,5 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def not_said(summary: Mapping[str, Any]) -> list[str]:
-    """Warnings of a summary that its statement does not say already."""
-    return [str(w) for w in summary["warnings"] if str(w) not in str(summary["statement"])]
+    """Warnings of a summary that its statement does not say already; there a sentence begins with a capital letter."""
+    return [str(w) for w in summary["warnings"] if str(w)[1:] not in str(summary["statement"])]

@@ -49,7 +49,7 @@ from .timing import sample_step_s, timing_note
 from .uneven import uneven_scatter
 from .unknown import repair
 from .verdict import facts_of, indistinguishable, silent, verdict_of
-from .words import small_note
+from .words import sentence, small_note
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, float, str], None]
@@ -310,8 +310,7 @@ def _once(
     )  # fmt: skip
     if how != "validate" and not in_turn:
         summary["warnings"].append(without_validation(proof))
-    # file names keep their letters
-    summary["statement"] = " ".join([*(f"{n}." for n in notes), summary["statement"]])
+    summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
     if seen.odd is not None:
         say_odd(summary["mismatch"], seen.odd, campaign)
     if uneven is not None:

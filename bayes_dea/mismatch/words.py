@@ -79,6 +79,12 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     return f"{text} ({confidence}).{mended}{doubt}"
 
 
+def sentence(note: str) -> str:
+    """A note as a sentence; a file name that it begins with keeps its letters."""
+    first = note.split(" ", 1)[0]
+    return f"{note if '.' in first else note[:1].upper() + note[1:]}."
+
+
 def small_note(small: Weighed, claimed: Weighed) -> str:
     """What to say of an effect that takes away what a verdict leaves, and is too small to be claimed."""
     more = "+".join(n for n in small.effects if n not in claimed.effects)

@@ -6,6 +6,7 @@ import pytest
 
 from bayes_dea.experiments.words import recording_in_words
 from bayes_dea.mismatch.store import terminal_summary
+from bayes_dea.mismatch.words import sentence
 
 _NUMBER = {"mean": 0.02512, "sd": 0.0098}
 
@@ -49,3 +50,15 @@ def test_what_the_statement_says_is_not_said_twice(summary):
     text = " ".join(terminal_summary(summary).split())
     assert text.count("scatters by 28.7 um") == 1
     assert "Warning: triangle_10Hz.csv" in text
+
+
+def test_a_note_becomes_a_sentence_and_file_names_keep_their_letters():
+    assert sentence("the sensor's gain differs") == "The sensor's gain differs."
+    assert sentence("creep_1200V.csv: scatters more") == "creep_1200V.csv: scatters more."
+
+
+def test_what_the_statement_says_as_a_sentence_is_not_said_again(summary):
+    note = "the sensor's gain differs"
+    summary["statement"] = f"{sentence(note)} {summary['statement']}"
+    summary["warnings"] = [*summary["warnings"], note]
+    assert terminal_summary(summary).count("sensor's gain differs") == 1
