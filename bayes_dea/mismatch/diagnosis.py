@@ -364,18 +364,34 @@ def _reread(
     found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
     if not naming.best.adequate and naming.best is not naming.none:
         found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
-    for explanation in {id(e): e for e in (naming.none, naming.best)}.values():
-        loose = own_gains(explanation.weighed.fit, pieces, prior)
-        if loose is not None and scan(loose, rng).p_value > ADEQUATE:
-            name = explanation.weighed.name
-            odds = naming.log_weight[name] - naming.log_evidence[name]
-            found.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
+    found += _with_own_gains(naming, pieces, prior, rng, tell)
     if not found:
         return None
     top = max(found, key=lambda r: r.log_weight)
     # "unknown" takes what nothing else explains; another reading does
     rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
     return top if top.log_weight > rival or not naming.best.adequate else None
+
+
+def _with_own_gains(
+    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell
+) -> list[Rereading]:
+    """The base, the best explanation and parts of it with a gain of each recording, where that leaves nothing.
+
+    One of several effects may be there for gains that differ.
+    """
+    best = naming.best.weighed
+    parts = [w for w in naming.weighed.values() if set(w.effects) < set(best.effects) and w.refitted]
+    out = []
+    for k, w in enumerate({w.name: w for w in (naming.none.weighed, *parts, best)}.values()):
+        if w.name not in naming.log_weight:  # too small to be claimed
+            continue
+        tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
+        loose = own_gains(w.fit, pieces, prior)
+        if loose is not None and scan(loose, rng).p_value > ADEQUATE:
+            odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
+            out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
+    return out
 
 
 def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:

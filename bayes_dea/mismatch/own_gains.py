@@ -25,7 +25,7 @@ MOVED = 0.01
 #: with fewer recordings a gain of each says nothing that an effect could not
 _LEAST = 4
 #: share of what an explanation leaves beyond noise that gains have to take away for a search to begin anew with them
-_MUCH = 0.3
+_MUCH = 0.5
 
 
 @dataclass(frozen=True)
