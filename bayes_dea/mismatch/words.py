@@ -80,9 +80,9 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
 
 
 def sentence(note: str) -> str:
-    """A note as a sentence; a file name that it begins with keeps its letters."""
+    """A note as a sentence; a file name or a label that it begins with keeps its letters."""
     first = note.split(" ", 1)[0]
-    return f"{note if '.' in first else note[:1].upper() + note[1:]}."
+    return f"{note if '.' in first or first.endswith(':') else note[:1].upper() + note[1:]}."
 
 
 def small_note(small: Weighed, claimed: Weighed) -> str:

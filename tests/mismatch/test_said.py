@@ -55,6 +55,7 @@ def test_what_the_statement_says_is_not_said_twice(summary):
 def test_a_note_becomes_a_sentence_and_file_names_keep_their_letters():
     assert sentence("the sensor's gain differs") == "The sensor's gain differs."
     assert sentence("creep_1200V.csv: scatters more") == "creep_1200V.csv: scatters more."
+    assert sentence("timing: late") == "timing: late."
 
 
 def test_what_the_statement_says_as_a_sentence_is_not_said_again(summary):
