@@ -55,8 +55,11 @@ class Known:
         return [w for w in self.weighed.values() if self.enough(w)]
 
     def enough(self, w: Weighed) -> bool:
-        """Whether it changes as much as the sensor resolves, or explains more than one of its kind that does."""
-        return self._large(w) or any(self._large(v) for v in self.poorer(w))
+        """Whether it changes as much as the sensor resolves, or explains more than one of its kind that does.
+
+        What a grid calls hopeless has the fit of another one, and changes nothing of its own.
+        """
+        return w.refitted and (self._large(w) or any(self._large(v) for v in self.poorer(w)))
 
     def share(self, w: Weighed) -> float:
         """Prior odds of one hypothesis."""

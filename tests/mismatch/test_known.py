@@ -90,3 +90,10 @@ def test_a_size_on_recordings_that_were_not_fitted_is_simulated_once_for_each_fi
     assert k.counting == [one, other]
     assert k.counting == [one, other]
     assert asked == [one.fit, other.fit]
+
+
+def test_what_a_grid_calls_hopeless_does_not_count_with_the_fit_of_another():
+    """A pair that was not refitted has the fit of the single effect, and on other recordings that one's size."""
+    single = Stub(("amplitude_softening",), 100.0)
+    pair = Stub(("amplitude_softening", "inertia"), 100.0, 1e-6, single.fit, refitted=False)
+    assert known(single, pair).counting == [single]
