@@ -33,9 +33,9 @@ _BESIDE = 0.25
 _NEXT, _NEXT_ONES = 0.5, 2
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
 _PROMISING, _IN_PLACE = 0.4, 5
-#: widths of its prior from which on the best point of a grid is another place than that of a fit, and how many times
-#: the distance of the nearest point
-_FAR, _FARTHER = 0.1, 1.25
+#: widths of its prior from which on the best point of a grid is another place than that of a fit, how many times the
+#: distance of the nearest point, and widths from which on no point of a grid is near
+_FAR, _FARTHER, _NOWHERE_NEAR = 0.1, 1.25, 0.5
 #: nats behind what was found at which something else in its place is given up
 _FAR_BEHIND = 50.0
 #: the damping of a mass and a damper in parallel are one and the same number
@@ -146,8 +146,8 @@ def beside_the_second(
     out = []
     for k, s in enumerate(likely):
         say("weighing pairs", k, len(likely), "+".join(s.effects))
-        # what does not come near what was found changes nothing
-        w = refine(alone.fit, s, prior, 1, pair.value, _FAR_BEHIND)
+        # what does not come near what was found changes nothing; of many peaks the grid's best may be the wrong one
+        w = refine(alone.fit, s, prior, 2 if s.effects == pair.effects else 1, pair.value, _FAR_BEHIND)
         if w is not None:
             out.append(replace(of_laws(w, found), size_m=effect_size(base, w.fit)))
     return out
@@ -156,7 +156,7 @@ def beside_the_second(
 def _elsewhere(s: Screened, pair: Weighed, alone: Weighed) -> bool:
     """Whether the best point of a grid beside `alone` is far, for its prior, from where the pair was fitted.
 
-    Far beyond the nearest point, that is: a grid is coarse.
+    Far beyond the nearest point, that is: a grid is coarse. One that shows nothing near it at all is elsewhere.
     """
     own = own_index(alone.fit, s.model)
     names = pair.fit.problem.model.priors.names
@@ -164,7 +164,7 @@ def _elsewhere(s: Screened, pair: Weighed, alone: Weighed) -> bool:
         return False
     there = pair.fit.q[[names.index(s.model.priors.names[i]) for i in own]]
     off = [float(np.max(np.abs(p.own - there) / s.model.priors.scales()[own], initial=0.0)) for p in s.points]
-    return off[0] > max(_FAR, _FARTHER * min(off))
+    return off[0] > max(_FAR, min(_FARTHER * min(off), _NOWHERE_NEAR))
 
 
 def _puts_back(narrow: Weighed, w: Weighed) -> bool:

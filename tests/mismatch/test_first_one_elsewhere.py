@@ -30,7 +30,7 @@ def test_a_grid_says_that_it_is_elsewhere(monkeypatch):
     assert further._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
     assert further._elsewhere(best((5.0, 2.79), (5.0, 3.0)), pair, alone)
     assert not further._elsewhere(best((5.06, 3.0), (5.05, 3.0)), pair, alone)  # the grid is as coarse
-    assert not further._elsewhere(best((9.0, 9.0)), pair, alone)
+    assert further._elsewhere(best((9.0, 9.0)), pair, alone)  # the grid has nothing near it
     assert further._elsewhere(best((9.0, 3.0), (8.5, 3.0), (8.1, 3.0)), pair, alone)
     fit.problem.model = model(("c", "a"))  # another law, without b
     assert not further._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
