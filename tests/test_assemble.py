@@ -161,6 +161,19 @@ def test_disturbances_are_found_and_said():
     assert "mains at 50.0" in text
 
 
+def test_mains_does_not_pass_for_noise():
+    """Of three times the noise: found in one recording, taken over in the other, and out of what is said of either."""
+    creep = RecordingPlan("creep.csv", Creep(1000.0, 30.0, conditioning_steps=0), "identify", 1000.0)
+    fast = RecordingPlan("sine.csv", Wave("sine", 10.0, cycles=40, rest_s=2.0), "identify", 1000.0)
+    slow = RecordingPlan("slow.csv", Wave("sine", 1.0, cycles=10, rest_s=2.0), "identify", 1000.0)
+    faults = Faults(displacement=ChannelFaults(mains_amplitude=14e-6, noise_correlation=0.4))
+    a = assemble(bench_campaign(plan(creep, fast, slow, faults=faults)), build_model("hooke+gm2"))
+    assert all(p.mains is not None for p in a.prepared)
+    for p in a.prepared:
+        assert p.quiet_sd == pytest.approx(4.7e-6, rel=0.1), p.name
+        assert p.quiet_rho == pytest.approx(0.4, abs=0.1), p.name
+
+
 def test_readings_at_the_end_of_a_range_are_said_unless_the_model_knows_of_it():
     campaign = bench_campaign(plan(CREEP, FAST))
     top = 0.9 * np.nanmax(campaign.recordings[0].columns["displacement_m"])

@@ -137,8 +137,8 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
             "a recording needs at least 20"
         )
     clean = computed(lambda a, seen: np.where(seen, a, np.nan), y, observed)
-    quiet = quiet_noise(clean, drive, recording.time_s)
     mains = find_mains(clean, recording.time_s, drive)
+    quiet = quiet_noise(clean, drive, recording.time_s, lines_Hz=_lines_Hz(mains))
     held = 0
     if channel == "displacement":
         stuck = stuck_rows(clean, quiet.sd)
@@ -168,14 +168,24 @@ def prepare_all(
 
 def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
     """Recordings of the displacement with the mains lines of their place; other sensors as they are."""
+    from ..noise.quiet import quiet_noise
     from ..noise.site_lines import site_lines
 
     own = [i for i, p in enumerate(prepared) if p.channel == "displacement"]
     lines = site_lines([prepared[i].mains for i in own], [0.5 / prepared[i].step_s for i in own])
     for i, mains in zip(own, lines, strict=True):
-        if mains is not prepared[i].mains:
-            prepared[i] = replace(prepared[i], mains=mains)
+        p = prepared[i]
+        if mains is not p.mains:
+            clean = computed(lambda a, seen: np.where(seen, a, np.nan), p.y, p.observed)
+            drive = filled_input(p.recording.columns["voltage_V"])
+            quiet = quiet_noise(clean, drive, p.recording.time_s, lines_Hz=_lines_Hz(mains))
+            prepared[i] = replace(p, mains=mains, quiet_sd=quiet.sd, quiet_rho=quiet.rho, quiet_n=quiet.n)
     return tuple(prepared)
+
+
+def _lines_Hz(mains: Mains | None) -> list[float]:
+    """Frequencies of its lines: what they add is no noise."""
+    return [line.frequency_Hz for line in mains.lines] if mains is not None else []
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -28,14 +29,15 @@ class QuietNoise:
 
 
 def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLike | None = None,
-                settle_s: float = 0.3) -> QuietNoise:
+                settle_s: float = 0.3, lines_Hz: Sequence[float] = ()) -> QuietNoise:
     """Sd and autocorrelation of the noise where the input stands still.
 
     Stretches of constant input, from `settle_s` (and at least one window) after its last change on, are
-    cut into windows of 256, 128 or 64 samples; a parabola is taken off each, so that creep does not count.
+    cut into windows of 256, 128 or 64 samples; a parabola is taken off each, so that creep does not count, and what
+    swings at `lines_Hz`.
     Readings beyond five robust sds (MAD) of their window are bridged, and windows of more than six
-    times the median variance left out. What the parabola takes from the autocovariance is given
-    back exactly for an AR(1) process. Mains raises the autocorrelation: subtract it first.
+    times the median variance left out. What is taken off is given back to the autocovariance, exactly for
+    an AR(1) process. Mains raises it: name its lines.
 
     Where no stretch is quiet, the sd comes from fourth differences, as if the noise were white, and a
     warning says so.
@@ -43,7 +45,7 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     Parameters
     ----------
     y, u, time_s : output, input, time, shape (n,); nan cells of y are gaps.
-    mask : True where y is not to be used (drop-outs).
+    mask : True where y is not to be used (drop-outs). lines_Hz : frequencies of mains lines.
     """
     values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
     t = np.asarray(time_s, dtype=float)
@@ -64,7 +66,7 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     for width in (256, 128, 64):
         starts = still_windows(drive, good, tolerance, width, max(settle, width))
         if starts.size >= 8 or (width == 64 and starts.size):
-            return _from_windows(values, starts, width)
+            return _from_windows(values, starts, width, [2 * np.pi * f * step for f in lines_Hz])
     return _without_rest(kept(values, good))
 
 
@@ -105,11 +107,13 @@ def still_windows(u, good, tolerance, width, settle):
     return out[:k].copy()
 
 
-def _from_windows(y: Array, starts: NDArray[np.int64], width: int) -> QuietNoise:
+def _from_windows(y: Array, starts: NDArray[np.int64], width: int, lines: Sequence[float] = ()) -> QuietNoise:
+    """lines: angles from sample to sample of what is taken off each window beside a parabola."""
     if starts.size > 4000:  # a million samples say enough
         starts = starts[np.linspace(0, starts.size - 1, 4000).astype(int)]
     x = np.linspace(-1, 1, width)
-    basis, _ = np.linalg.qr(np.stack([np.ones(width), x, x * x], axis=1))
+    angles = np.arange(width) * np.array(lines)[:, None]
+    basis, _ = np.linalg.qr(np.stack([np.ones(width), x, x * x, *np.cos(angles), *np.sin(angles)], axis=1))
     rows = y[starts[:, None] + np.arange(width)]
     rows = rows - rows[:, :1]  # keeps digits of small noise on a large offset
     residual = rows - (rows @ basis) @ basis.T

@@ -271,6 +271,17 @@ class TestQuiet:
         assert quiet_noise(np.zeros(t.size), u, t).sd == 0
 
 
+@pytest.mark.parametrize("rho", [0.0, 0.4, 0.8])
+def test_mains_of_a_named_frequency_is_no_noise(rho):
+    """Six times the noise at 50.01 Hz; not named, it makes 4.4 sds and a correlation of 0.95 of it."""
+    t, u, x = creep()
+    y = x + ar1(np.random.default_rng(33), t.size, rho) + 6.0 * np.cos(2 * np.pi * 50.01 * t + 1.0)
+    found = quiet_noise(y, u, t, lines_Hz=[50.01])
+    assert found.sd == pytest.approx(1.0, rel=0.03)
+    assert found.rho == pytest.approx(rho, abs=0.03)
+    assert quiet_noise(y, u, t).sd > 4.0
+
+
 class TestFlat:
     def test_clipped_and_stuck(self):
         rng = np.random.default_rng(24)
