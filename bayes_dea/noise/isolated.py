@@ -32,7 +32,7 @@ _KINK = 0.35
 _AS_LARGE = 0.9
 #: how often larger than the largest but one of its neighbours an outlier must be; beside a run, neighbours of so many
 #: sds are noise, however large
-_CONTRAST, _NOISE = 2.5, 3.0
+_CONTRAST, _NOISE = 2.5, 3.5
 #: rows put before the first and behind the last
 _PAD = 9
 #: more than this share of the rows is no fault now and then
@@ -122,20 +122,33 @@ def isolated_outliers(
 def _alone(x: Array, at: int, length: int, limit: float, sd: float) -> bool:
     """Whether a run stands out of what lies before and after it. sd: of the noise."""
     left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
+    base = left, right
+    if length > 1:  # a run says more than one reading, and may be held against more
+        base = float(np.median(x[at - _AROUND : at])), float(np.median(x[at + length : at + length + _AROUND]))
     farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
     run = x[at : at + length]
-    sign = 1.0 if run[0] > 0.5 * (left + right) else -1.0
-    size = float(np.min(sign * run)) - max(sign * left, sign * right)
+    sign = 1.0 if run[0] > 0.5 * (base[0] + base[1]) else -1.0
+    size = float(np.min(sign * run)) - max(sign * base[0], sign * base[1])
     if size <= limit:
         return False
     stretch = (0.5 * (length - 1) + 2.0) / 3.0
     ahead = left + (left - farther[0]) * stretch
     behind = right + (right - farther[1]) * stretch
+    if length > 1:
+        middle = 0.5 * (length - 1)
+        ahead, behind = _continued(x[at - _PAD : at][::-1], middle), _continued(x[at + length :][:_PAD], middle)
     if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
         return False
-    around = np.concatenate([x[max(at - _AROUND, 0) : at] - left, x[at + length : at + length + _AROUND] - right])
+    around = np.concatenate([x[at - _AROUND : at] - base[0], x[at + length : at + length + _AROUND] - base[1]])
     second = float(np.sort(np.abs(around))[-2])
     return size > _CONTRAST * second or (length > 1 and second < _NOISE * sd)
+
+
+def _continued(beside: Array, middle: float) -> float:
+    """A straight line through rows beside a run, the nearest first, at the middle of it."""
+    row = np.arange(beside.size)
+    slope = float(np.polyfit(row, beside, 1)[0])
+    return float(beside.mean()) - slope * (float(row.mean()) + 1.0 + middle)
 
 
 def _returns(
