@@ -116,9 +116,10 @@ def share(r: dict[str, Any]) -> str:
 
 
 def rows_of(places: list[Path]) -> list[Row]:
-    """Rows of folders of study.py and of packed files, by seed."""
+    """Rows of folders of study.py and of packed files, by seed, with the confidences of the present rule."""
     found = {r["seed"]: r for p in places for r in read_rows(p / "rows.jsonl" if p.is_dir() else p)}
-    return [found[s] for s in sorted(found)]
+    rows = (found[s] for s in sorted(found))
+    return [r | {"confidence": confidence_of(r["raw"], r["set"])} if "raw" in r else r for r in rows]
 
 
 def main() -> None:
@@ -131,7 +132,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("reports/concealed"))
     a = parser.parse_args()
     # by the map that is in force, whichever was when the campaign was diagnosed
-    rows = [r | {"confidence": confidence_of(r["raw"], r["set"])} if "raw" in r else r for r in rows_of(a.study)]
+    rows = rows_of(a.study)
     if not rows:
         parser.error(f"{a.study[0]}: no rows.jsonl with campaigns; run study.py first")
     s = scores(rows)

@@ -1,7 +1,8 @@
 """The map from raw probability to confidence, learned on campaigns that no score is quoted from.
 
-    python runs/concealed/learn.py STUDY [STUDY ...] --out priors/diagnosis/confidence.toml
+    python runs/concealed/learn.py STUDY [STUDY ...] --out priors/diagnosis/confidence.toml --keep teaching.jsonl.gz
 
+STUDY: a folder of study.py, or packed rows that --keep left.
 confidence = (1 - lapse) * sigmoid(a + b * logit(raw)), b > 0: rising, with three numbers to learn, so that a few
 hundred campaigns are enough. The lapse says that a verdict may be wrong whatever its evidence. Weak priors of a (0 +-
 1) and log b (0 +- 0.5) keep a small study from claiming what it has not seen. That of the lapse (4 %, a factor of 1.6
@@ -18,13 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import packed
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit, logit
 from scores import Row, brier, finished, hit, read_rows
 
 from bayes_dea import __version__
-from bayes_dea.results import write_text
+from bayes_dea.results import write_bytes, write_text
 
 #: raw probabilities are not told apart beyond this
 _EDGE = 1e-6
@@ -72,16 +74,20 @@ def table(rows: Sequence[Row], theta: Array, studies: Sequence[str]) -> str:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", type=Path, nargs="+", help="folders with rows.jsonl")
+    parser.add_argument("study", type=Path, nargs="+", help="folders with rows.jsonl, packed rows")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--keep", type=Path, help="file for the rows, packed; a later map may have them, too")
     a = parser.parse_args()
-    rows = [r for folder in a.study for r in finished(read_rows(folder / "rows.jsonl"))]
+    found = {r["seed"]: r for p in a.study for r in read_rows(p / "rows.jsonl" if p.is_dir() else p)}
+    rows = finished([found[s] for s in sorted(found)])
     if len(rows) < 50:
         parser.error(f"{len(rows)} finished campaigns; a map needs at least 50")
     if max(r["seed"] for r in rows) >= 1_000_000:
         parser.error("seeds from 1,000,000 on are for scores; a map must not have seen them")
     theta = learn(rows)
     write_text(a.out, table(rows, theta, [folder.name for folder in a.study]))
+    if a.keep is not None:
+        write_bytes(a.keep, packed(rows))
     after = [r | {"mapped": float(mapped(np.array([r["raw"]]), theta)[0])} for r in rows]
     print(f"{len(rows)} campaigns; Brier {brier(rows, 'raw'):.4f} raw, {brier(after, 'mapped'):.4f} after, same rows")
 

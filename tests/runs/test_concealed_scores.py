@@ -3,13 +3,15 @@
 import json
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-CONCEALED = Path(__file__).resolve().parents[2] / "runs" / "concealed"
+ROOT = Path(__file__).resolve().parents[2]
+CONCEALED = ROOT / "runs" / "concealed"
 sys.path.insert(0, str(CONCEALED))
 
 import kept  # noqa: E402
@@ -129,6 +131,22 @@ def test_a_map_is_not_learned_on_seeds_that_are_scored(tmp_path):
     )  # fmt: skip
     assert done.returncode == 2
     assert not (tmp_path / "map.toml").exists()
+
+
+def test_the_map_that_is_shipped_is_that_of_the_rows_that_are_kept(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(CONCEALED / "learn.py"), str(ROOT / "reports" / "concealed" / "teaching.jsonl.gz"),
+         "--out", str(tmp_path / "map.toml"), "--keep", str(tmp_path / "kept.jsonl.gz")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    learned, shipped = (
+        tomllib.loads(p.read_text())
+        for p in (tmp_path / "map.toml", ROOT / "priors" / "diagnosis" / "confidence.toml")
+    )
+    assert learned["raw"] == shipped["raw"]
+    assert learned["confidence"] == pytest.approx(shipped["confidence"], abs=1e-3)
+    assert len(scores.read_rows(tmp_path / "kept.jsonl.gz")) == 299
 
 
 def test_kept_rows_give_the_same_scores(tmp_path):
