@@ -10,12 +10,13 @@ import numpy as np
 
 from ..models.effects import registered_effects
 from ..models.model import Model
+from .descent import bounds
 from .frame import Frame, own_index
 from .grid import Screened, screen
 from .hypotheses import extended, law_of
 from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
-from .refit import Fit
+from .refit import Fit, refit
 from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
 from .search import DEAR, FOUND, LEAST_GAIN, RIVALS, Report, of_laws, refined, stripped
 from .size import effect_size
@@ -31,6 +32,8 @@ _ALIKE, _PARTNERS = 30.0, 3
 _BESIDE = 0.25
 #: the same for one that is tried as the first of a pair where nothing beside the leading one is enough, and how many
 _NEXT, _NEXT_ONES = 0.5, 2
+#: nats behind the leader within which its rivals are fitted from where it stands
+_CROSSED = 60.0
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
 _PROMISING, _IN_PLACE = 0.4, 5
 #: widths of its prior from which on the best point of a grid is another place than that of a fit, how many times the
@@ -321,6 +324,42 @@ def beside_the_next(
         reached = min((w.value for w in [*pairs, *out]), default=math.inf)
         out += beside(other, model, rest, prior, overrides, say, rng, adequate, reached=reached)
     return out
+
+
+def from_the_leader(
+    leader: Weighed, weighed: Sequence[Weighed], prior: NoisePrior, say: Report
+) -> list[Weighed]:
+    """Rivals of as many effects, fitted again from the base that the leader has.
+
+    A search may have ended with a base that is astray (slow modes beside a drift), and then what does just the same as
+    the leader looks nats worse. Given are those that are likelier than before.
+    """
+    count = len(leader.effects)
+    near = [
+        w for w in weighed
+        if w.refitted and len(w.effects) == count and w.effects != leader.effects
+        and w.log_evidence > leader.log_evidence - _CROSSED
+    ]
+    out = []
+    shared = _coordinates(leader.fit)
+    for k, w in enumerate(sorted(near, key=lambda w: -w.log_evidence)[:_PARTNERS]):
+        say("comparing rivals", k, min(len(near), _PARTNERS), w.name)
+        model = w.fit.problem.model
+        problem = leader.fit.problem.with_model(model)
+        known = {**_coordinates(w.fit), **shared}
+        low, high = bounds(problem)
+        start = np.array([known[n] for n in model.priors.names])
+        q = np.concatenate([start, leader.fit.q[leader.fit.problem.model.dimension :]])
+        fit = refit(problem, np.clip(q, low + 1e-9, high - 1e-9), prior.start(), prior, coarse=True)
+        if fit is not None and fit.log_evidence > w.fit.log_evidence:
+            out.append(replace(w, fit=fit, log_evidence=w.log_evidence + fit.log_evidence - w.fit.log_evidence))
+    return out
+
+
+def _coordinates(fit: Fit) -> dict[str, float]:
+    """Those of the model by the name of their parameter."""
+    names = fit.problem.model.priors.names
+    return dict(zip(names, map(float, fit.q[: len(names)]), strict=True))
 
 
 def second_thoughts(

@@ -25,6 +25,7 @@ from .further import (
     beside_the_leader,
     beside_the_next,
     freed,
+    from_the_leader,
     in_place_of_the_first,
     second_thoughts,
 )
@@ -239,6 +240,8 @@ def name_physics(
         beside_it = discrepancy(best.weighed.fit, columns, prior, starts, left, straight=best is not none)
         best = replace(best, discrepancy=beside_it)
         none = best if best.weighed is none.weighed else none
+    if best is not none:
+        known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, prior, say))
     evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds)
     total = float(logsumexp(list(log_p.values())))
     probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best)
