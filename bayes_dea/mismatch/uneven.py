@@ -54,9 +54,9 @@ def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
     ]
     if len(seen) < 2:
         return None
-    order = sorted(seen, key=_scatter)
+    order = sorted(seen, key=lambda p: p.quiet_sd)
     calm, noisy = order[0], order[-1]
-    low, high = _scatter(calm), _scatter(noisy)
+    low, high = calm.quiet_sd, noisy.quiet_sd  # without lines of the mains
     # of correlated readings fewer are independent
     rho = float(np.clip(calm.quiet_rho, 0.0, 0.99))
     error = math.sqrt(sum(0.5 / p.quiet_n for p in (calm, noisy)) * (1.0 + rho**2) / (1.0 - rho**2))
@@ -73,9 +73,3 @@ def _other_colour(a: Prepared, b: Prepared) -> bool:
     """Whether the correlation of neighbouring readings differs (Bartlett's variance (1 - rho^2) / n of AR(1))."""
     variance = sum((1.0 - min(abs(p.quiet_rho), 0.999) ** 2) / p.quiet_n for p in (a, b))
     return abs(a.quiet_rho - b.quiet_rho) > _COLOUR * math.sqrt(variance)
-
-
-def _scatter(p: Prepared) -> float:
-    """Standard deviation at rest (m) without lines of the mains, which are found and named by themselves."""
-    lines = p.mains.lines if p.mains is not None else ()
-    return math.sqrt(max(p.quiet_sd**2 - sum(0.5 * line.amplitude**2 for line in lines), 0.0))
