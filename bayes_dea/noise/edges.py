@@ -23,6 +23,10 @@ def dense(x: Array) -> tuple[Array, NDArray[np.int64] | None]:
     return kept(x, good), numbered(good)
 
 
+#: share of a value's size that is rounding, and of second differences that vanish, from which on an input is a command
+_ROUNDED, _MOSTLY = 1e-12, 0.6
+
+
 def input_noise(u: ArrayLike) -> float:
     """Robust sd of the scatter of an input (0 for a command), from its second differences.
 
@@ -35,11 +39,18 @@ def input_noise(u: ArrayLike) -> float:
     # a piece of second differences needs two rows more
     parts = [slice(p.start, p.stop + 2) for p in pieces(x.size - 2, BLOCK)]
     (low,) = quantiles(lambda: (np.abs(np.diff(x[p], n=2)) for p in parts), [0.25])
-    if low > 0.0:
-        # on the grid of a resolution the quartile jumps from step to step: every value is spread over its own
-        sizes = (np.abs(np.diff(x[p], n=2)) for p in parts)
-        grid = min(float(np.min(d[d > _NO_GRID * low], initial=low)) for d in sizes)
-        (low,) = quantiles(lambda: (np.abs(np.diff(x[p], n=2) + grid * _spread(p)) for p in parts), [0.25])
+    nothing = _ROUNDED * max(float(np.max(np.abs(x[p]))) for p in parts)
+    # a command, or readings on a grid so coarse that a quarter of the differences vanish; of noise not many more do
+    coarse = low <= nothing
+    if coarse:
+        zeros = sum(int(np.count_nonzero(np.abs(np.diff(x[p], n=2)) <= nothing)) for p in parts)
+        if zeros > _MOSTLY * (x.size - 2):
+            return 0.0
+    # on the grid of a resolution the quartile jumps from step to step: every value is spread over its own
+    least, largest = (nothing, np.inf) if coarse else (_NO_GRID * low, low)
+    sizes = (np.abs(np.diff(x[p], n=2)) for p in parts)
+    grid = min(float(np.min(d[d > least], initial=largest)) for d in sizes)
+    (low,) = quantiles(lambda: (np.abs(np.diff(x[p], n=2) + grid * _spread(p)) for p in parts), [0.25])
     return float(low / (0.3186393639643752 * np.sqrt(6.0)))
 
 

@@ -271,6 +271,22 @@ class TestQuiet:
         assert quiet_noise(np.zeros(t.size), u, t).sd == 0
 
 
+@pytest.mark.parametrize("sd", [0.3, 0.5, 0.8])
+def test_scatter_is_seen_through_a_grid_on_which_differences_vanish(sd):
+    """A position of 1 um resolution that moves by a third of that a row: a quarter of its differences is zero."""
+    rng = np.random.default_rng(34)
+    x = 1e-6 * np.round(0.318 * np.arange(20_000) + sd * rng.standard_normal(20_000))
+    if sd < 0.6:
+        assert np.quantile(np.abs(np.diff(x, n=2)), 0.25) < 1e-15  # the premise
+    assert input_noise(x) == pytest.approx(1e-6 * np.sqrt(sd**2 + 1 / 12), rel=0.2)
+
+
+@pytest.mark.parametrize("drive", ["step", "rectangle_10Hz", "pulse_5ms"])
+def test_a_command_does_not_scatter(drive):
+    assert input_noise(DRIVES[drive]) == 0.0
+    assert input_noise(np.round(DRIVES["triangle_2Hz"] / 800) * 800) == 0.0
+
+
 @pytest.mark.parametrize("rho", [0.0, 0.4, 0.8])
 def test_mains_of_a_named_frequency_is_no_noise(rho):
     """Six times the noise at 50.01 Hz; not named, it makes 4.4 sds and a correlation of 0.95 of it."""
