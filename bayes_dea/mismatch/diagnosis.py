@@ -256,12 +256,9 @@ def _once(
     corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
     mended = None
     if verdict == UNKNOWN:
-        # what else is there was explained
-        mended = repair(best, looks)
-        if best.adequate and swings is not None:
-            mended = swings.repair(best.weighed.name)
-        elif best.adequate and gains is not None:
-            mended = gains.repair(best.weighed.name)
+        # where the best explanation leaves nothing, it is this that no physics explains
+        strangest = (swings or gains) if best.adequate else None
+        mended = repair(best, looks) if strangest is None else strangest.repair(best.weighed.name)
     say("proving", 0, 1, "recordings kept for validation")
     seen.spoiled(corrected, identify=False)
     clip = limit.value_m if limit is not None and "sensor_clipping" in verdict.split("+") else math.inf

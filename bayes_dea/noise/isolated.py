@@ -72,8 +72,8 @@ def isolated_outliers(
       with the sd sigma sqrt((1 - rho^2)/(1 + rho^2)), by more than the normal quantile of FALSE_ALARM / (2 n). sigma
       is `sd`, or what the median of these misses says where that is larger. So on noise that is normal and AR(1) one
       recording in a thousand has a false alarm, whatever its length; the other conditions lower that only;
-    - it lies that far outside of the range of the medians of three rows before and after, and misses the straight
-      continuations of both sides: steps, kinks and decays are not flagged;
+    - it lies that far outside of the range of the medians of three rows before and after (of a run: six), and misses
+      the straight continuations of both sides: steps, kinks and decays are not flagged;
     - it is 2.5 times as large as all but one of its neighbours (of a run: or these are noise): ringing is not flagged;
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
@@ -121,22 +121,20 @@ def isolated_outliers(
 
 def _alone(x: Array, at: int, length: int, limit: float, sd: float) -> bool:
     """Whether a run stands out of what lies before and after it. sd: of the noise."""
-    left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
-    base = left, right
-    if length > 1:  # a run says more than one reading, and may be held against more
-        base = float(np.median(x[at - _AROUND : at])), float(np.median(x[at + length : at + length + _AROUND]))
-    farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
     run = x[at : at + length]
+    if length == 1:
+        left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
+        farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
+        base = left, right
+        ahead, behind = left + (left - farther[0]) * 2.0 / 3.0, right + (right - farther[1]) * 2.0 / 3.0
+    else:  # a run says more than one reading, and may be held against more
+        base = float(np.median(x[at - _AROUND : at])), float(np.median(x[at + length : at + length + _AROUND]))
+        middle = 0.5 * (length - 1)
+        ahead, behind = _continued(x[at - _PAD : at][::-1], middle), _continued(x[at + length :][:_PAD], middle)
     sign = 1.0 if run[0] > 0.5 * (base[0] + base[1]) else -1.0
     size = float(np.min(sign * run)) - max(sign * base[0], sign * base[1])
     if size <= limit:
         return False
-    stretch = (0.5 * (length - 1) + 2.0) / 3.0
-    ahead = left + (left - farther[0]) * stretch
-    behind = right + (right - farther[1]) * stretch
-    if length > 1:
-        middle = 0.5 * (length - 1)
-        ahead, behind = _continued(x[at - _PAD : at][::-1], middle), _continued(x[at + length :][:_PAD], middle)
     if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
         return False
     around = np.concatenate([x[at - _AROUND : at] - base[0], x[at + length : at + length + _AROUND] - base[1]])
