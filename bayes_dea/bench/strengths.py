@@ -61,7 +61,7 @@ def _leakage(rng: np.random.Generator) -> Strength:
     if rng.random() < 0.3:
         # a linear leak is gain and a shorter time constant: nothing tells it from a series resistance
         return Strength(lambda s: {"R_leak_ohm": 1.0 / s, "R_s_ohm": R_s}, 1.0 / 1e9, 1.0 / 3e6, searched=False)
-    E_0 = _log(rng, 1e6, 1e7)
+    E_0 = _log(rng, 3e5, 5e7)
     return Strength(lambda s: {"R_leak_ohm": 1.0 / s, "R_s_ohm": R_s, "E_0_V_per_m": E_0}, 1.0 / 1e12,
                     np.exp(-np.sqrt(4.8e7 / E_0)) / (3.0 * R_s),
                     lambda s: {"series_resistance": {"R_s_ohm": R_s}})

@@ -19,9 +19,9 @@ from .reduced import Piece
 Array = NDArray[np.float64]
 #: ratios of the series resistance to the leak's at the highest field, and the fewer of a quick look
 _RATIOS, _FEW = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0), (0.02, 0.2)
-#: quantiles of the prior of the series resistance; of that of the field of activation and of both in a quick look
+#: quantiles of the priors of the series resistance and of the field of activation, and those of a quick look
 _QUANTILES = (0.2, 0.5, 0.8)
-_FIELDS = (0.25, 0.75)
+_QUICK = (0.25, 0.75)
 
 
 def highest_field(pieces: tuple[Piece, ...] | list[Piece]) -> float:
@@ -49,10 +49,10 @@ def leak_points(
         return []
     series, activation = (own[place[n]].prior for n in ("R_s_ohm", "E_0_V_per_m"))
     out = []
-    quantiles = np.array(_FIELDS if sparse else _QUANTILES)
+    quantiles = np.array(_QUICK if sparse else _QUANTILES)
     before = series.ppf(quantiles) if series_ohm is None else np.log([series_ohm])
     for log_s, log_0, ratio in itertools.product(
-        before.tolist(), activation.ppf(np.array(_FIELDS)).tolist(), _FEW if sparse else _RATIOS
+        before.tolist(), activation.ppf(quantiles).tolist(), _FEW if sparse else _RATIOS
     ):
         log_leak = log_s - math.log(ratio) + math.sqrt(field_V_per_m / math.exp(log_0))
         point = np.empty(3)

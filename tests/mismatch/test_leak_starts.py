@@ -19,7 +19,7 @@ def test_points_take_the_shares_of_the_voltage_that_they_are_meant_to():
     leak, series, activation = np.exp(np.array(points)).T
     ratio = series / (leak * np.exp(-np.sqrt(field / activation)))
     assert sorted({round(float(r), 6) for r in ratio}) == [0.003, 0.01, 0.03, 0.1, 0.3, 1.0]
-    assert len(points) == 36
+    assert len(points) == 54
     assert len(leak_points(model, index, field, sparse=True)) == 8
     assert leak_points(model, index[:2], field) == []  # the plain leak has a grid of its own
     assert leak_points(model, index, 0.0) == []
@@ -47,3 +47,14 @@ def test_a_leak_of_poole_frenkel_emission_is_found():
     assert result.verdict == "leakage"
     found = result.summary["hypotheses"][0]["parameters"]["E_0_V_per_m"]
     assert found["q05"] < 3e5 < found["q95"]
+
+
+@pytest.mark.long
+def test_between_an_activated_leak_and_a_linear_one_is_no_gap():
+    """Two thirds of the field of a stack activate it 3.5 times: no prior that ends at 10 MV/m holds that."""
+    true = {"R_leak_ohm": 4e6, "R_s_ohm": 6e4, "E_0_V_per_m": 3e7}
+    result = diagnose(concealed({"leakage": true}), "hooke+gm3", seed=1)
+    assert result.verdict == "leakage"
+    found = result.summary["hypotheses"][0]["parameters"]
+    for name, value in true.items():
+        assert found[name]["q05"] < value < found[name]["q95"], name
