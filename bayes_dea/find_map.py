@@ -34,6 +34,8 @@ from .search_clock import SearchClock
 _INNER_STEPS = 12
 #: searches, each with the noise that the one before ended with
 _ROUNDS = 3
+#: points of a swarm that are led down
+_EACH = 6
 #: factor between the time constants of a second start for laws that are not straight
 _APART = 5.0
 #: starts as near as this, by the curvature at the end of one of them, are one start
@@ -144,11 +146,17 @@ def _fit(a: NDArray, H: NDArray, g: NDArray, yy: float) -> NDArray:
 
 
 class _Times:
-    """Unit cube to log time constants by their prior's quantiles, and in which order they stand."""
+    """Unit cube to log time constants, and in which order they stand.
+
+    Half of the cube is quantiles of their prior, half spreads evenly over all that the prior reaches. By quantiles
+    alone an actuator that is quicker than most in all its modes stands in a corner that is a thousandth of the cube
+    wide, and every swarm agrees on another basin, hundreds of nats below.
+    """
 
     def __init__(self, log_times: NDArray):
-        self.sorted = np.sort(log_times, axis=0)
-        self.grid = (np.arange(len(log_times)) + 0.5) / len(log_times)
+        even = np.linspace(log_times.min(axis=0), log_times.max(axis=0), len(log_times))
+        self.sorted = np.sort(np.concatenate([log_times, even]), axis=0)
+        self.grid = (np.arange(len(self.sorted)) + 0.5) / len(self.sorted)
 
     def at(self, cube: NDArray) -> NDArray:
         cube = np.clip(cube, 0, 1)
@@ -586,6 +594,7 @@ def _run_swarms(
         # fewer swarms that agree prove as much only when each has looked at more
         first_look=max(s.first_look, -(-8 * s.first_look // s.swarms)),
         tolerance=s.agreement,
+        each=_EACH,
     )
     return result.ends[np.argsort(result.values)]
 

@@ -70,6 +70,31 @@ def values(posterior, x):
     return {k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(x[None])).items()}
 
 
+QUICK = [
+    Material(3.6e5, (8.0e3, 26.9e3, 9.8e3), (28.2, 0.644, 0.0211)),
+    Material(8e5, (30e3, 77e3, 87e3), (3.26, 0.285, 0.0269)),
+    Material(1.1e6, (71e3, 129e3, 69e3), (88.6, 0.667, 0.0232)),
+    Material(9e5, (55e3, 115e3, 41e3), (59.8, 0.911, 0.0544)),
+]
+
+
+@pytest.mark.parametrize("material", QUICK, ids=lambda m: f"{m.tau_s[0]:g} s")
+@pytest.mark.parametrize("rough", [False, True])
+def test_an_actuator_that_is_quicker_than_most_is_found(material, rough):
+    """Its time constants lie two to three sds of their priors away, in a corner that quantiles leave no room for."""
+    plans = (
+        *(RecordingPlan(f"creep_{V}.csv", Creep(V, 150.0, conditioning_steps=0), "identify") for V in (500.0, 1000.0)),
+        RecordingPlan("sine.csv", Wave("sine", 0.2, cycles=4), "identify"),
+        RecordingPlan("rectangle.csv", Wave("rectangle", 1.0, cycles=8), "identify"),
+    )
+    assembled = assemble(bench_campaign(CampaignPlan("quick", plans, material=material)), build_model("hooke+gm3"))
+    for seed in (0, 1, 2):
+        found, posterior = find_map(assembled.posterior, assembled.search_model, list(assembled.search_groups),
+                                    np.random.default_rng(seed), MapSettings(rough=rough))
+        at = values(posterior, found.x)
+        assert [at[f"tau_{i}_s"] for i in (1, 2, 3)] == pytest.approx(material.tau_s, rel=0.25), seed
+
+
 @pytest.mark.parametrize("text", ["hooke+gm2", "hooke+gm3", "hooke+gkv3", "pz3", "hooke+gkm2", "yeoh+gm2"])
 def test_all_swarms_agree_on_voltage(voltage, text):
     """From two seeds: 8 of 8 within 0.1 nat, and one maximum."""
@@ -83,9 +108,9 @@ def test_all_swarms_agree_on_voltage(voltage, text):
 
 @pytest.mark.parametrize("text", ["hooke+gm2", "hooke+gm3", "hooke+gkv3", "pz3"])
 def test_a_swarm_needs_few_evaluations(voltage, text):
-    """Eight iterations of 32, some Newton steps, and its share of the polish; twice where the noise was another."""
+    """Eight iterations of 32, Newton steps from six places, its share of the polish; twice if the noise was another."""
     found, _ = once(voltage, text)
-    assert found.evaluations < 8 * 800
+    assert found.evaluations < 8 * 1200  # 1,026 each for a GM with three branches; 800 with one place, which missed
 
 
 def test_few_swarms_look_at_more_before_they_agree(voltage):

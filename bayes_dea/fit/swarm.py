@@ -22,6 +22,9 @@ Objective = Callable[[Array], Array]
 Polish = Callable[[Array], tuple[Array, float]]
 Settle = Callable[[Array], tuple[Array, Array]]
 
+#: distance in the unit cube from which on two points of a swarm may lie in basins of their own
+_FAR = 0.2
+
 
 @dataclass(frozen=True)
 class SwarmSettings:
@@ -191,16 +194,18 @@ def settled_swarms(
     swarms: int = 8,
     first_look: int = 8,
     tolerance: float = 0.1,
+    each: int = 1,
 ) -> SettledSwarms:
     """Independent swarms that need not contract: they end as soon as the basins they have found are one.
 
-    settle: (k, d) -> ((k, e), (k,)), descends from the best points of k swarms: ends, in coordinates of its own, and
-    values of the objective. After `first_look` iterations all are settled. Those that do not lead within `tolerance`
-    of the best go on, and are looked at again after twice as many iterations, until all agree or stall.
-    Raises InputError as `particle_swarm` does.
+    settle: (k, d) -> ((k, e), (k,)), descends from points of the swarms: ends, in coordinates of its own, and values
+    of the objective. After `first_look` iterations all are settled, each swarm from its best point and from the best
+    ones far from that and from each other, up to `each` of them: what a swarm gathers around is the widest basin, and
+    need not be the deepest. Those that do not lead within `tolerance` of the best go on, and are looked at again after
+    twice as many iterations, until all agree or stall. Raises InputError as `particle_swarm` does.
     """
-    if swarms < 1:
-        raise InputError(f"swarms: {swarms} asked for; give at least 1")
+    if swarms < 1 or each < 1:
+        raise InputError(f"swarms: {swarms} asked for, settled from {each} points each; give at least 1")
     box = _checked_box(lower, upper)
     flock = [_Swarm(*box, settings, child, None) for child in rng.spawn(swarms)]
     ends: list[Array] = [np.empty(0)] * swarms
@@ -219,8 +224,9 @@ def settled_swarms(
         new = [i for i, s in enumerate(flock) if s.iterations > looked[i] and np.isfinite(s.best_f.min())]
         if not new:
             continue
-        found, lowest = settle(np.array([flock[i].result().x for i in new]))
-        for n, i in enumerate(new):
+        spread = [flock[i].spread(each) for i in new]
+        found, lowest = settle(np.concatenate(spread))
+        for i, n in zip(np.repeat(new, [len(x) for x in spread]), range(len(found)), strict=True):
             looked[i] = flock[i].iterations
             if not ends[i].size or lowest[n] < values[i]:
                 ends[i], values[i] = found[n], lowest[n]
@@ -302,6 +308,17 @@ class _Swarm:
             population[best].copy(), float(self.best_f[best]), self.iterations, self.evaluations, self.reason,
             population, self.best_f.copy(),
         )  # fmt: skip
+
+    def spread(self, most: int) -> Array:
+        """The best point and then the best ones that lie far from those before, (n, d) with n at most `most`."""
+        order = np.argsort(self.best_f, kind="stable")
+        kept: list[int] = []
+        for i in order[np.isfinite(self.best_f[order])]:
+            if len(kept) == most:
+                break
+            if all(np.linalg.norm(self.best_x[i] - self.best_x[j]) > _FAR for j in kept):
+                kept.append(int(i))
+        return self._physical(self.best_x[kept])
 
     def _physical(self, unit: Array) -> Array:
         return np.clip(self.lower + unit * (self.upper - self.lower), self.lower, self.upper)

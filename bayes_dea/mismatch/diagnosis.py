@@ -16,7 +16,6 @@ from ..assemble import Assembled, assemble
 from ..campaign.schema import Campaign
 from ..errors import InputError
 from ..find_map import MapSettings
-from ..fit.swarm import SwarmSettings
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from . import second_look
@@ -65,13 +64,7 @@ _SILENT = 0.25
 class DiagnosisSettings:
     """Effort of a diagnosis."""
 
-    map: MapSettings = field(
-        default_factory=lambda: MapSettings(
-            swarms=3,
-            rough=True,
-            swarm=SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02),
-        )
-    )
+    map: MapSettings = MapSettings(rough=True)
     workers: int = 1
     most_effects: int = 3
 

@@ -151,6 +151,25 @@ def test_swarms_in_one_basin_end_at_the_first_look():
     np.testing.assert_allclose(r.values, 0.0, atol=1e-4)
 
 
+def test_a_swarm_is_led_down_from_places_that_lie_apart():
+    """Around the wide basin it gathers; the deep one is found from a particle that is not its best."""
+
+    def deep_beside_wide(x):
+        deep = -5.0 + 30.0 * np.sqrt(np.sum((x - 0.9) ** 2, axis=1) + 0.0025)
+        return np.minimum(deep, 20.0 * np.sum((x - 0.3) ** 2, axis=1))
+
+    found, settled = [], []
+    for each in (1, 6):
+        looks = []
+        r = settled_swarms(deep_beside_wide, *unit_box(3), SwarmSettings(particles=20), np.random.default_rng(0),
+                           settle(deep_beside_wide, looks), swarms=12, first_look=1, tolerance=1e9, each=each)  # fmt: skip
+        found.append(r.values < -3.0)
+        settled += looks
+    assert settled[0] == 12 < settled[1] <= 12 * 6
+    assert found[1][found[0]].all()
+    assert found[1].sum() >= found[0].sum() + 3
+
+
 def test_those_in_another_basin_go_on():
     looks = []
     settings = SwarmSettings(particles=4, stall_iterations=20)
