@@ -121,7 +121,8 @@ def test_few_swarms_look_at_more_before_they_agree(voltage):
                             np.random.default_rng(0), MapSettings(swarms=swarms))
         assert found.agree == swarms
         counts[swarms] = found.evaluations / swarms
-    assert counts[2] > 2 * counts[8]
+    # 32 iterations of 32 instead of 8 (768 more); what is led down from them, some 600, is about the same
+    assert counts[2] > 1.4 * counts[8]
 
 
 @pytest.mark.parametrize("text", ["hooke+gm3", "hooke+gkv3", "pz3", "hooke+gkm2"])

@@ -34,6 +34,7 @@ from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_o
 from .known import Known
 from .locate import ADEQUATE, Scan, scan
 from .noise_prior import NoisePrior
+from .places import with_free_places
 from .reduced import Piece
 from .refit import Fit
 from .relabel import FURTHER, labellings
@@ -242,7 +243,7 @@ def name_physics(
         none = best if best.weighed is none.weighed else none
     if best is not none:
         known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, prior, say))
-    evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds)
+    evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds, prior)
     total = float(logsumexp(list(log_p.values())))
     probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best)
     labelled = {
@@ -274,11 +275,12 @@ def _but_for_what_is_too_small(
 
 
 def _log_probabilities(
-    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Mapping[str, float]
+    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Mapping[str, float], noise: NoisePrior
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Log evidence, its error, and log evidence with prior odds (not normalised), of every hypothesis by its name.
 
-    What explains less than the resolution is not claimed as physics.
+    What explains less than the resolution is not claimed as physics. That the modes of the base lie elsewhere than
+    expected speaks for no further one (`places`).
     """
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
@@ -290,7 +292,14 @@ def _log_probabilities(
         e.weighed.log_evidence + e.discrepancy.gain for e in explained if e.discrepancy is not None
     )
     error[UNKNOWN] = 0.5
-    return evidence, error, {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
+
+    def weights() -> dict[str, float]:
+        return {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
+
+    least = max(weights().values()) + math.log(_WORTH_LABELLING)
+    further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
+    evidence = with_free_places(evidence, further, noise)
+    return evidence, error, weights()
 
 
 def weigh_delay(

@@ -162,7 +162,8 @@ def test_a_swarm_is_led_down_from_places_that_lie_apart():
     for each in (1, 6):
         looks = []
         r = settled_swarms(deep_beside_wide, *unit_box(3), SwarmSettings(particles=20), np.random.default_rng(0),
-                           settle(deep_beside_wide, looks), swarms=12, first_look=1, tolerance=1e9, each=each)  # fmt: skip
+                           settle(deep_beside_wide, looks), swarms=12, first_look=1, tolerance=1e9,
+                           each=each)  # fmt: skip
         found.append(r.values < -3.0)
         settled += looks
     assert settled[0] == 12 < settled[1] <= 12 * 6

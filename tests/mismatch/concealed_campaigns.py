@@ -7,6 +7,7 @@ from bayes_dea.assemble import assemble
 from bayes_dea.bench.nuisance import ChannelFaults, Faults
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
+from bayes_dea.bench.rig import Material
 from bayes_dea.bench.simulate import simulate
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
@@ -17,10 +18,11 @@ ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6), "force": bd.Sen
             "position": bd.Sensor(0.5e-6, 5e-6, 0.1e-6)}
 
 
-def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=False, rest_s=0.5):
+def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=False, rest_s=0.5, material=None):
     """Two creeps and five waves of the bench; effects: name to parameters, as `CampaignPlan.effects`.
 
     pressed: with a compression to identify and a relaxation to validate. rest_s: before and after each wave.
+    material: of the stack, in place of the bench's own.
     """
     role = "validate" if validate else "identify"
     plans = [
@@ -36,7 +38,8 @@ def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=F
         plans += [RecordingPlan("compression.csv", Compression(0.1, speed_m_per_s=2e-4, cycles=2), "identify", 50.0),
                   RecordingPlan("relaxation.csv", Relaxation(0.1, hold_s=30.0), role, 50.0)]
     faults = Faults(displacement=ChannelFaults(noise_scale=scale, noise_correlation=rho))
-    plan = CampaignPlan("concealed", tuple(plans), effects=effects or {}, faults=faults)
+    plan = CampaignPlan("concealed", tuple(plans), effects=effects or {}, faults=faults,
+                        material=material or Material())
     g = plan.geometry
     actuator = bd.Actuator(
         g.name, g.layers, g.layer_thickness_m, g.relative_permittivity, g.electrode_area_m2, g.total_area_m2,
