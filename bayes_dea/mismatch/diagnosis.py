@@ -133,12 +133,12 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
     """The diagnosis that counts, of one on the recordings to identify and one on all; it says what happened."""
     p_value = first.contradiction
     assert p_value is not None
-    if second_look.overrules(first.summary, second.summary):
+    best = second.naming.best
+    if second_look.overrules(first.summary, second.summary, not best.weighed.effects and best.adequate):
         result = second
         note = second_look.overruled_note(first.summary, second.summary, p_value, second_look.to_validate(campaign))
         result.summary["statement"] = f"{result.summary['statement']} {note}."
     else:
-        best = second.naming.best
         said = "" if best.small is None else small_note(best.small, best.weighed)
         # a recording of another actuator among those to validate, say
         result, note = first, "; ".join(second.notes) or second_look.kept_note(p_value, said)

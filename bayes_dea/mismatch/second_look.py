@@ -73,13 +73,16 @@ def all_to_identify(campaign: Campaign) -> Campaign:
     return replace(campaign, recordings=tuple(replace(r, role="identify") for r in campaign.recordings))
 
 
-def overrules(first: dict[str, Any], second: dict[str, Any]) -> bool:
+def overrules(first: dict[str, Any], second: dict[str, Any], explained: bool = False) -> bool:
     """Whether the verdict on all recordings replaces the one on those to identify: summaries of both.
 
     The same verdict by the same law keeps the proof that no fit and no choice has seen; "none" on all recordings is no
-    better answer than what explains a part of them.
+    better answer than what explains a part of them, but where it leaves nothing in all of them (explained), or only
+    what is too small to be claimed.
     """
-    return bool(second["verdict"] not in (first["verdict"], NONE) or _another_law(first, second))
+    if second["verdict"] == first["verdict"]:
+        return _another_law(first, second)
+    return bool(second["verdict"] != NONE or explained)
 
 
 def _another_law(first: dict[str, Any], second: dict[str, Any]) -> bool:

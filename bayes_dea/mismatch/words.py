@@ -89,7 +89,7 @@ def small_note(small: Weighed, claimed: Weighed) -> str:
     """What to say of an effect that takes away what a verdict leaves, and is too small to be claimed."""
     more = "+".join(n for n in small.effects if n not in claimed.effects)
     return (
-        f"what {claimed.name} leaves is less than the sensor resolves and therefore not claimed; it looks like {more} "
+        f"what {claimed.name if claimed.effects else 'the model'} leaves is less than the sensor resolves and therefore not claimed; it looks like {more} "
         f"of {1e6 * small.size_m:.2g} um"
     )
 

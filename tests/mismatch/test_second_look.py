@@ -54,6 +54,7 @@ def test_the_first_verdict_stands_where_all_recordings_say_no_more():
     first = {"verdict": "sensor_lag", **plain}
     assert not second_look.overrules(first, first)
     assert not second_look.overrules(first, {"verdict": "none", **plain})
+    assert second_look.overrules(first, {"verdict": "none", **plain}, explained=True)
     assert second_look.overrules(first, {"verdict": "unknown", **plain})
     assert second_look.overrules(first, {"verdict": "series_resistance", **plain})
 
