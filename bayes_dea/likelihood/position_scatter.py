@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from ..noise.blocks import Blocks
 from .prepare import Prepared
@@ -41,12 +42,18 @@ class Stiffness:
 
         A scale 1 + g adds g (x - x0) dF/dx, with x0 where the plates touch; the part in proportion to the force is a
         gain of it already. x, force (nb,): means over the blocks; rest_N: force before anything moves.
+
+        That force is the one of the stiffness, not what was measured: its noise would make a column by which the noise
+        can be made smaller, and every effect that goes with a wrong scale would gain by that.
         """
         touching = self.ramps > 0.0
         if not touching.any():
             return np.zeros(x.size)
         least = np.argmin(np.where(touching, np.abs(force - rest_N), np.inf))
-        return np.where(touching, self.ramps * (x - x[least]) - (force - rest_N), 0.0)
+        order = np.flatnonzero(touching)[np.argsort(x[touching], kind="stable")]
+        elastic = np.zeros(x.size)
+        elastic[order] = cumulative_trapezoid(self.ramps[order], x[order], initial=0)
+        return np.where(touching, self.ramps * (x - x[least]) - (elastic - elastic[least]), 0.0)
 
 
 def stiffness(p: Prepared, blocks: Blocks, x: Array, force: Array, start_m: float) -> Stiffness:

@@ -147,6 +147,8 @@ def descend(
             return None
         q = np.array(ended[0], dtype=float)
         gram, logdet, clean, slopes = problem.gram(q, noise)
+        if not np.isfinite(gram).all():
+            return None
         prior = prior_derivatives(problem, q)
         value = prior[0] + 0.5 * float(gram[0, 0])
         return End(q, value, ended[1], gram, logdet, clean, slopes, prior, exact=True, own=ended[2])
@@ -160,6 +162,8 @@ def _finished(problem: Problem, noise: Noise, end: End | None, coarse: bool) -> 
     if end is None or end.exact or coarse:
         return end
     gram, logdet, clean, slopes = problem.gram(end.q, noise, clean=end.clean)
+    if not np.isfinite(gram).all():
+        return None
     return replace(end, gram=gram, logdet=logdet, clean=clean, slopes=slopes, exact=True)
 
 
@@ -226,8 +230,10 @@ def descended(
                 break
             # what promised nothing, or wrongly, was carried on or another fit's
             kept = kept if aged else None
-            gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept, clean=clean)
-            aged = 0
+            sums, logs, clean, at = problem.gram(q, noise, kept=kept, clean=clean)
+            if not np.isfinite(sums).all():
+                break
+            gram, logdet, slopes, aged = sums, logs, at, 0
             continue
         gained = value - new[1]
         last = gained < 3 * tolerance
@@ -235,12 +241,15 @@ def descended(
             kept = None
             aged = _CARRIED
         if aged < (1 if last else _CARRIED) and (last or _AS_PROMISED[0] < gained / promised < _AS_PROMISED[1]):
-            slopes = carried(problem, slopes, clean, new[2], q, new[0], np.diag(H))
-            gram, logdet = problem.sums(new[0], noise, new[2], slopes)
-            clean, aged = new[2], aged + 1
+            at = carried(problem, slopes, clean, new[2], q, new[0], np.diag(H))
+            sums, logs = problem.sums(new[0], noise, new[2], at)
+            since = aged + 1
         else:
-            gram, logdet, clean, slopes = problem.gram(new[0], noise, kept=kept, clean=new[2])
-            aged = 0
+            sums, logs, _, at = problem.gram(new[0], noise, kept=kept, clean=new[2])
+            since = 0
+        if not np.isfinite(sums).all():
+            break  # a model that runs away there: what it answers has no slopes that a number can hold
+        gram, logdet, clean, slopes, aged = sums, logs, new[2], at, since
         q, damping, taken = new[0], _LESS * damping, taken + 1
         prior = prior_derivatives(problem, q)
         if last:

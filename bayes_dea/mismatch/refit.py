@@ -166,9 +166,12 @@ def _searched(
             moved = value < base + 0.5 * gram[0, 0] - _SETTLED
             if moved:
                 q, clean = q + step, there
+    state: State
     if moved or not ended.exact:
-        return q, noise, taken, problem.gram(q, noise, clean=clean)
-    return q, noise, taken, (*problem.sums(q, noise, clean, slopes), clean, slopes)
+        state = problem.gram(q, noise, clean=clean)
+    else:
+        state = (*problem.sums(q, noise, clean, slopes), clean, slopes)
+    return (q, noise, taken, state) if np.isfinite(state[0]).all() else None
 
 
 def _fit(

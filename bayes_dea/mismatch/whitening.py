@@ -43,8 +43,9 @@ class Whitened:
 
     def gram(self) -> Array:
         """(k, k) Gram of the columns, nuisance integrated out."""
-        cross = self.columns @ self.nuisance.T
-        return self.columns @ self.columns.T - cross @ self.coupling
+        with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away: not finite, as descents ask
+            cross = self.columns @ self.nuisance.T
+            return np.asarray(self.columns @ self.columns.T - cross @ self.coupling)
 
 
 def whiten(piece: Piece, columns: Array, noise: Noise) -> Whitened:

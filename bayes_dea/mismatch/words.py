@@ -88,8 +88,9 @@ def sentence(note: str) -> str:
 def small_note(small: Weighed, claimed: Weighed) -> str:
     """What to say of an effect that takes away what a verdict leaves, and is too small to be claimed."""
     more = "+".join(n for n in small.effects if n not in claimed.effects)
+    left_by = claimed.name if claimed.effects else "the model"
     return (
-        f"what {claimed.name if claimed.effects else 'the model'} leaves is less than the sensor resolves and therefore not claimed; it looks like {more} "
+        f"what {left_by} leaves is less than the sensor resolves and therefore not claimed; it looks like {more} "
         f"of {1e6 * small.size_m:.2g} um"
     )
 

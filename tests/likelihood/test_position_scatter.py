@@ -95,3 +95,18 @@ def test_a_wrong_scale_of_the_position_adds_what_a_force_gain_does_not(beta):
     assert np.abs(column - expected)[inside].max() < 0.12 * force.max()
     assert np.corrcoef(column[inside], expected[inside])[0, 1] > 0.98
     assert np.all(column[touched == 0.0] == 0.0)
+
+
+@pytest.mark.parametrize("beta", [0.0, 100.0])
+def test_the_column_of_a_wrong_scale_knows_nothing_of_the_noise_of_the_force(beta):
+    """With it, any effect that goes with a wrong scale made the noise smaller: 0.96 for stiffening that was none."""
+    p, blocks, x, force, _, touched = pressed(3e-4, beta)
+    inside = touched == 1.0
+    column = stiffness(p, blocks, x, force, 0.0).by_scale(x, force, 0.0)[inside]
+    parts = []
+    for seed in range(20):
+        noise = 1e-3 * np.random.default_rng(seed).standard_normal(x.size)
+        other = stiffness(p, blocks, x, force + noise, 0.0).by_scale(x, force + noise, 0.0)[inside]
+        parts.append(float(noise[inside] @ (other - column) / (noise[inside] @ noise[inside])))
+    # the curve of the ramps has its scatter: 0.03 of the mean of 20
+    assert abs(np.mean(parts)) < 0.1

@@ -1,9 +1,12 @@
 """How exactly a hypothesis is fitted that is far from an explanation."""
 
+import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.mismatch import descent
+from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.refit import refit
 
 
 def _end(effects, coarse):
@@ -25,3 +28,27 @@ def test_a_coarse_descent_ends_as_near_as_its_misfit_is_worth(effects):
         assert end.value - finest.value < 1e-3 * left
     else:
         assert end.value == finest.value
+
+
+@pytest.mark.parametrize("coarse", [True, False])
+def test_a_descent_ends_before_slopes_that_no_number_can_hold(monkeypatch, coarse):
+    """A model that runs away answers with 1e150, and products of its slopes overflow: LAPACK stopped a diagnosis."""
+    problem, prior, q = problem_of(concealed({"inertia": {"f_1_Hz": 30.0, "zeta": 0.05}}))
+    sums = Problem.sums
+    good = []
+
+    def runs_away(self, at, noise, clean, slopes):
+        gram, logdet = sums(self, at, noise, clean, slopes)
+        if slopes:
+            good.append(np.array(at))
+            if len(good) > 3:
+                gram[1:, 1] = np.nan
+        return gram, logdet
+
+    monkeypatch.setattr(Problem, "sums", runs_away)
+    end = descent.descended(problem, q, prior.start(), *descent.bounds(problem), 60, 0.05, None, coarse=coarse)
+    assert end is not None
+    assert 0 < end.steps < 4
+    assert np.isfinite(end.gram).all()
+    assert any(np.array_equal(end.q, place) for place in good[1:3])
+    assert refit(problem, q, prior.start(), prior) is None
