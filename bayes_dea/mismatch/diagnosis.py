@@ -268,7 +268,7 @@ def _once(
         ours = tuple(by_name[p.name] for p in corrected.problem.pieces)
         explained = replace(corrected, problem=replace(corrected.problem, pieces=ours))
         say("proving", 2, 3, "all recordings together")
-        against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look)
+        against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look, resolution)
     lap("prove")
     drawn = _drawn(naming, physics[verdict], base, r_draw, lambda *at: say("drawing its parameters", *at))
     lap("draw")

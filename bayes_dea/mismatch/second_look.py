@@ -22,14 +22,16 @@ from .own_zero import with_zeros
 from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, refit
+from .swinging import swinging
 
 
 def contradiction(
-    corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit: Limit | None, rng: np.random.Generator
+    corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit: Limit | None, rng: np.random.Generator,
+    resolution: float,
 ) -> float | None:
     """p-value of what an explanation leaves in all recordings together, where it is one that refutes it; else None.
 
-    corrected: the explanation, fitted to the recordings to identify, adequate there.
+    corrected: the explanation, fitted to the recordings to identify, adequate there. resolution: of the sensor (m).
     """
     if not any(not p.identify for p in pieces):
         return None
@@ -40,7 +42,9 @@ def contradiction(
     together = refit(problem, opened.q, corrected.noise, prior, known=_known(opened, problem))
     if together is None:
         return 0.0
-    p_value = scan(together, rng).p_value
+    # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
+    swings = swinging(together, resolution) if limit is None else None
+    p_value = min(scan(together, rng).p_value, 1.0 if swings is None else swings.p_value)
     return p_value if p_value <= ADEQUATE else None
 
 

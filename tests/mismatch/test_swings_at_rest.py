@@ -1,5 +1,7 @@
 """What swings at a frequency of its own while the command stands still is no noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
@@ -60,3 +62,18 @@ def test_it_is_unknown_and_said():
     assert result.summary["repair"]["terms"][0]["mean"] == pytest.approx(np.sqrt(2.0) * 2e-6, rel=0.5)
     assert result.summary["mismatch"]["detected"]
     assert any("swings at 11" in row["what"] for row in result.summary["mismatch"]["where"])
+
+
+def test_a_supply_that_hunts_on_the_one_long_plateau_to_validate_contradicts_none():
+    """By 2.5 um at 5.5 Hz above 500 V: recordings to identify show it too shortly, and no window in time sees it."""
+    campaign = concealed()
+    roles = {"creep_600V.csv": "validate", "rectangle_1Hz.csv": "validate", "creep_1200V.csv": "ignore"}
+    kept = [replace(r, role=roles.get(r.name, "identify")) for r in campaign.recordings]
+    campaign = replace(campaign, recordings=tuple(r for r in kept if r.role != "ignore"))
+    r = campaign.recordings[0]
+    hunts = 2.5e-6 * np.sin(2 * np.pi * 5.5 * r.columns["time_s"]) * (r.columns["voltage_V"] > 500.0)
+    campaign = with_column(campaign, r.name, lambda y, _: y + hunts)
+    result = diagnose(campaign, "hooke+gm3", seed=1)
+    assert result.verdict == "unknown"
+    assert "swing at 5." in result.summary["statement"]
+    assert "The recordings to identify alone say" in result.summary["statement"]
