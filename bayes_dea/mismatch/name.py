@@ -230,6 +230,15 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
+    if best is none and not best.adequate and not ranked:
+        # two effects, each less than the sensor resolves, may leave more than noise between them
+        small = max((w for w in known.weighed.values() if w.refitted), key=known.weight, default=none.weighed)
+        if known.weight(small) > none.weighed.log_evidence + LEAST_GAIN:
+            known.take(beside(small, model, names, prior, given, say, rng, adequate))
+            pair = max(known.counting, key=known.weight, default=none.weighed)
+            if pair is not none.weighed and known.weight(pair) > known.weight(small):
+                best = explain(thoughts(pair), looks, columns, rng, prior, left)
+                others.append(best)
     if not best.adequate:
         judged = _but_for_what_is_too_small(best, known, looks, columns, rng, prior, left)
         none = judged if best is none else none
@@ -258,14 +267,14 @@ def _but_for_what_is_too_small(
     best: Explanation, known: Known, looks: list[Features], columns: list[Array], rng: np.random.Generator,
     prior: NoisePrior, tell: Tell,
 ) -> Explanation:
-    """What is left by an explanation, judged beside a further effect that moves less than the sensor resolves.
+    """What is left by an explanation, judged beside one or two further effects that move less than the sensor resolves.
 
     Such an effect is not claimed as physics (CONTRACT 1); nor is what it leaves without it a mismatch of no known kind.
     """
     effects = set(best.weighed.effects)
     small = [
         w for w in known.weighed.values()
-        if effects < set(w.effects) and len(w.effects) == len(effects) + 1 and w.refitted
+        if effects < set(w.effects) and len(w.effects) <= len(effects) + 2 and w.refitted
         and w.log_evidence > best.weighed.log_evidence and not known.enough(w)
     ]
     if not small:
