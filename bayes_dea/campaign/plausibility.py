@@ -16,6 +16,7 @@ from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
 from bayes_dea.errors import InputError
+from bayes_dea.noise.thinned import reading_every
 
 _EPS0 = 8.8541878128e-12  # F/m
 _TYPICAL_MODULUS = 1e6  # Pa
@@ -376,11 +377,14 @@ def _temperature(r: Recording, problems: list[str]) -> None:
 
 def _gaps(r: Recording, warnings: list[str], where: Callable[[int], str]) -> None:
     for name, values in r.columns.items():
-        gaps = np.flatnonzero(np.isnan(values))
+        first, every = reading_every(values) if name == r.output else (0, 1)
+        own = np.isnan(values[first::every])  # of a sensor that is read at every k-th row the others are no gaps
+        gaps = first + every * np.flatnonzero(own)
         if gaps.size == 0:
             continue
-        text = (f"{r.name}: {name} has {_times(gaps.size, 'gap')} in {values.size} rows "
-                f"({100.0 * gaps.size / values.size:.2g} %), the first at {where(int(gaps[0]))}")
+        of = "rows" if every == 1 else f"readings, one every {every} rows"
+        text = (f"{r.name}: {name} has {_times(gaps.size, 'gap')} in {own.size} {of} "
+                f"({100.0 * gaps.size / own.size:.2g} %), the first at {where(int(gaps[0]))}")
         if name in ("voltage_V", "position_m") and name != r.output:
             text += "; what drove the actuator there is not known. Fill them in if the command is known"
         warnings.append(text + ".")

@@ -16,6 +16,7 @@ from ..campaign.scratch import BLOCK, beside, computed, pieces
 from ..errors import InputError
 from ..models.electrostatics import filled_input
 from ..noise.stated import signal_size
+from ..noise.thinned import reading_every, with_a_reading
 
 if TYPE_CHECKING:
     from ..noise.mains import Mains
@@ -59,6 +60,11 @@ class Prepared:
     def step_s(self) -> float:
         """Median time between rows in s."""
         return median_step(self.recording)
+
+    @cached_property
+    def reading_step_s(self) -> float:
+        """Median time between readings in s: those of a slow sensor come at every k-th row."""
+        return reading_every(self.y)[1] * self.step_s
 
     def signal(self) -> float:
         """Size of what was observed, noise apart (`signal_size`)."""
@@ -141,7 +147,9 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     quiet = quiet_noise(clean, drive, recording.time_s, lines_Hz=_lines_Hz(mains))
     held = 0
     if channel == "displacement":
-        stuck = stuck_rows(clean, quiet.sd)
+        stuck = beside(y, np.bool_)
+        read = with_a_reading(clean)
+        stuck[read] = stuck_rows(clean[read], quiet.sd)
         held = int(np.count_nonzero(stuck))
         observed = computed(lambda seen, out: seen & ~out, observed, stuck, dtype=np.bool_) if held else observed
     masked = int(np.count_nonzero(dropouts))
@@ -172,7 +180,7 @@ def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
     from ..noise.site_lines import site_lines
 
     own = [i for i, p in enumerate(prepared) if p.channel == "displacement"]
-    lines = site_lines([prepared[i].mains for i in own], [0.5 / prepared[i].step_s for i in own])
+    lines = site_lines([prepared[i].mains for i in own], [0.5 / prepared[i].reading_step_s for i in own])
     for i, mains in zip(own, lines, strict=True):
         p = prepared[i]
         if mains is not p.mains:
@@ -190,7 +198,7 @@ def _lines_Hz(mains: Mains | None) -> list[float]:
 
 @dataclass(frozen=True)
 class RateClasses:
-    """Sampling steps of one sensor: each has a noise correlation of its own, stated per step.
+    """Steps between readings of one sensor: each has a noise correlation of its own, stated per step.
 
     Whether a sensor's noise is correlated in time (a filter) or from sample to sample (processing) is not known;
     recordings at one rate share a rho, those at another rate have another.
@@ -200,7 +208,7 @@ class RateClasses:
 
     def of(self, prepared: Prepared) -> int:
         """Index of the class of a recording."""
-        return int(np.argmin([abs(np.log(prepared.step_s / s)) for s in self.steps_s]))
+        return int(np.argmin([abs(np.log(prepared.reading_step_s / s)) for s in self.steps_s]))
 
 
 def median_step(recording: Recording) -> float:
@@ -209,9 +217,9 @@ def median_step(recording: Recording) -> float:
 
 
 def rate_classes(prepared: tuple[Prepared, ...], tolerance: float = 0.2) -> RateClasses:
-    """Classes of sampling steps that differ by more than `tolerance` (in the logarithm), finest first."""
+    """Classes of steps between readings that differ by more than `tolerance` (in the logarithm), finest first."""
     steps: list[float] = []
-    for step in sorted(p.step_s for p in prepared):
+    for step in sorted(p.reading_step_s for p in prepared):
         if not steps or abs(np.log(step / steps[-1])) > tolerance:
             steps.append(step)
     return RateClasses(tuple(steps))

@@ -35,11 +35,11 @@ def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bo
         back = recurrence(u, 1.0 / frequency if frequency > 0 else 0.0)
         seen.append((piece, own_offset_and_gain(piece, x), back))
     for piece, residual, back in seen:
-        step = piece.prepared.step_s
+        step = piece.prepared.reading_step_s
         elsewhere = [
             (other, its)
             for p, other, its in seen
-            if p is not piece and abs(p.prepared.step_s - step) < 0.01 * step
+            if p is not piece and abs(p.prepared.reading_step_s - step) < 0.01 * step
         ]
         sigma, rho = fit.noise.of(piece)
         rows = isolated_outliers(

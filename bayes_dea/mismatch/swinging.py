@@ -18,6 +18,7 @@ from scipy.stats import gamma
 
 from ..models.electrostatics import filled_input
 from ..noise.quiet import still_windows, stillness
+from ..noise.thinned import with_a_reading
 from .reduced import Piece
 from .refit import Fit
 
@@ -74,7 +75,7 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
     by_step: dict[float, list[tuple[str, Array]]] = {}
     for piece, x in zip(fit.problem.pieces, rows, strict=True):
         if piece.channel == "displacement":
-            step = round(piece.prepared.step_s, 7)
+            step = round(piece.prepared.reading_step_s, 7)
             found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x)
             if len(found):
                 by_step.setdefault(step, []).append((piece.name, found))
@@ -86,12 +87,13 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
 def _segments(piece: Piece, left: Array) -> Array:
     """Power densities (k, bins) of stretches in which the command stands still, less their straight lines; m^2 row."""
     p = piece.prepared
-    u = filled_input(p.recording.columns["voltage_V"])
+    read = with_a_reading(p.y)
+    u, observed, left = filled_input(p.recording.columns["voltage_V"])[read], p.observed[read], left[read]
     starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), _SEGMENT, _AFTER)
     rows = np.arange(_SEGMENT)
     parts = []
     for begin in starts[:_MOST]:
-        seen, v = p.observed[begin : begin + _SEGMENT], left[begin : begin + _SEGMENT]
+        seen, v = observed[begin : begin + _SEGMENT], left[begin : begin + _SEGMENT]
         if seen.mean() > _OBSERVED:
             parts.append(np.where(seen, v, np.interp(rows, rows[seen], v[seen])))
     if not parts:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayes_dea.campaign.order import differences, median
 from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
 from bayes_dea.noise.edges import input_noise
+from bayes_dea.noise.thinned import with_a_reading
 
 Array = NDArray[np.float64]
 LAGS = 20
@@ -39,6 +40,8 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     times the median variance left out. What is taken off is given back to the autocovariance, exactly for
     an AR(1) process. Mains raises it: name its lines.
 
+    Of a sensor that is read at every k-th row, these rows are looked at (`reading_every`).
+
     Where no stretch is quiet, the sd comes from fourth differences, as if the noise were white, and a
     warning says so.
 
@@ -49,9 +52,11 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     """
     values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
     t = np.asarray(time_s, dtype=float)
+    read = with_a_reading(values)
+    values, drive, t = values[read], drive[read], t[read]
     good = computed(lambda a, b, c: np.isfinite(a) & np.isfinite(b) & np.isfinite(c), values, drive, t, dtype=np.bool_)
     if mask is not None:
-        masked = np.asarray(mask, dtype=bool)
+        masked = np.asarray(mask, dtype=bool)[read]
         # drop-outs are bridged: one missing reading must not end a stretch
         if masked.any() and (good & ~masked).any():
             rows = np.arange(values.size)

@@ -113,6 +113,20 @@ def test_gaps_stay_nan_and_are_told(folder, data, as_csv):
     assert any("displacement_m has 3 gaps" in w and "row 6" in w for w in campaign.warnings)
 
 
+def test_rows_between_the_readings_of_a_slow_sensor_are_no_gaps(folder, data, as_csv):
+    columns = data()
+    y = np.full(columns["displacement_m"].size, np.nan)
+    y[::2] = columns["displacement_m"][::2]
+    columns["displacement_m"] = y
+    assert not any("gap" in w for w in load_campaign(folder(CREEP, {"creep.csv": as_csv(columns)})).warnings)
+    columns["displacement_m"][[40, 42]] = np.nan
+    campaign = load_campaign(folder(CREEP, {"creep.csv": as_csv(columns)}))
+    told = [w for w in campaign.warnings if "gap" in w]
+    assert len(told) == 1
+    assert "2 gaps in 100 readings, one every 2 rows (2 %)" in told[0]
+    assert "row 42" in told[0]
+
+
 def test_uneven_time_and_holes_are_told(folder, data, as_csv):
     columns = data()
     columns["time_s"] = columns["time_s"] + np.where(np.arange(200) >= 100, 30.0, 0.0)
