@@ -32,6 +32,7 @@ from .locate import ADEQUATE, scan
 from .name import Explanation, Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior, noise_prior
 from .own_gains import MOVED, gains_of, own_gains, worth_a_search
+from .own_limits import CLIPPING, limit_of_readings
 from .problem import Problem
 from .profile import profiled
 from .prove import HeldOut, held_out, unanswered, without_validation
@@ -224,6 +225,7 @@ def _once(
     reread = _reread(naming, seen.pieces, prior, r_name, lambda *at: say("rereading", *at))
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
+        how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
         seen.take(reread)
         naming = named(seen)
@@ -296,7 +298,7 @@ def _once(
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
     summary = summarise(
         assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model,
-        drawn,
+        drawn, seen.shown,
     )  # fmt: skip
     if how != "validate" and not in_turn:
         summary["warnings"].append(without_validation(proof))
@@ -355,6 +357,12 @@ def _reread(
     if not naming.best.adequate and naming.best is not naming.none:
         found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
     found += _with_own_gains(naming, pieces, prior, rng, tell)
+    if CLIPPING in naming.best.weighed.effects and not naming.best.adequate:
+        name = naming.best.weighed.name
+        odds = naming.log_weight.get(name, -math.inf) - naming.log_evidence.get(name, 0.0)
+        tell(0, 1, "the end of the sensor's range as one of its readings")
+        ended = limit_of_readings(naming.best.weighed, odds, prior, rng)
+        found += [ended] if ended is not None else []
     if not found:
         return None
     top = max(found, key=lambda r: r.log_weight)

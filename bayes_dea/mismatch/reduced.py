@@ -70,7 +70,8 @@ class Piece:
     @cached_property
     def key(self) -> str:
         """Digest of what is compared: readings, blocks, masks, and how the command is read."""
-        return digest(self.name, self.recording.hold, self.y, self.blocks.count, self.blocks.gap, self.nuisance)
+        zero = None if self.nodes is None else self.nodes.zero_m
+        return digest(self.name, self.recording.hold, self.y, self.blocks.count, self.blocks.gap, self.nuisance, zero)
 
     @property
     def recording(self) -> Recording:

@@ -49,6 +49,7 @@ class Rereading:
     ratio: float = 1.0  # displacement of the odd recording over what the others lead to expect
     ratio_se: float = 0.0
     gains: bool = False  # each recording has its own
+    limit: bool = False  # the sensor's range ends at a reading (`own_limits`)
 
 
 def other_holds(

@@ -11,6 +11,7 @@ from .clipped import Limit, below
 from .noise_prior import NoisePrior
 from .outliers import false_reading_warning, false_readings, without
 from .own_gains import apart, own_gains
+from .own_limits import as_shown, limit_note
 from .reduced import Piece
 from .refit import Fit, refit
 from .reread import Rereading, hold_note, odd_note, stated_hold, with_hold
@@ -25,13 +26,14 @@ class Seen:
         self.notes: list[str] = []
         self.odd: Rereading | None = None
         self.loose = False  # every recording has a gain of its own
+        self.shown = False  # the end of the sensor's range is a reading
         self._rows: dict[str, NDArray[np.bool_]] = {}
 
     def copy(self) -> Seen:
         """The same, to try another reading on."""
         out = Seen(self.base, self.pieces, self.prior)
         out.warnings, out.notes, out.odd = dict(self.warnings), list(self.notes), self.odd
-        out.loose, out._rows = self.loose, dict(self._rows)
+        out.loose, out.shown, out._rows = self.loose, self.shown, dict(self._rows)
         return out
 
     def take(self, r: Rereading) -> None:
@@ -44,6 +46,9 @@ class Seen:
             if moved is not None:
                 self.base, self.pieces, self.loose = moved, apart(self.pieces), True
             return
+        elif r.limit:
+            self.notes.append(limit_note())
+            self.pieces, self.shown = as_shown(r.base, self.pieces), True
         else:
             self.odd = r
             self.notes.append(odd_note(r))

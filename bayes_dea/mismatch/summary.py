@@ -21,6 +21,7 @@ from .hypotheses import MAINS, NONE, UNKNOWN, extended, law_of
 from .locate import excess_by, where
 from .name import Naming
 from .own_gains import Gains
+from .own_limits import limit_as_shown
 from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit
@@ -52,8 +53,9 @@ def summarise(
     campaign: Campaign,
     model: Model,
     drawn: Draws | None = None,
+    shown: bool = False,
 ) -> dict[str, Any]:
-    """drawn: posterior of the verdict's own parameters."""
+    """drawn: posterior of the verdict's own parameters; shown: the end of the sensor's range is a reading."""
     none = naming.none
     detected = none.scan.detected
     confidence = confidence_of(p[verdict], members)
@@ -75,6 +77,8 @@ def summarise(
         for fact in facts:
             if fact.name in name.split("+"):
                 entry["parameters"] |= fact.parameters
+        if shown and "y_max_m" in entry["parameters"]:
+            entry["parameters"]["y_max_m"].update(limit_as_shown(naming.weighed[physics[name]].fit))
         hypotheses.append(entry)
     out: dict[str, Any] = {
         "model": model.name,

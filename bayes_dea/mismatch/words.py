@@ -63,6 +63,9 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     if physics != NONE:
         weighed = naming.weighed[physics]
         values, effects = {**values, **weighed.fit.values()}, weighed.effects
+        # a limit may be told as the reading that it is (`own_limits`)
+        limit = summary["hypotheses"][0]["parameters"].get("y_max_m", {}).get("map")
+        values = values if limit is None else {**values, "y_max_m": limit}
     parts = []
     for name in verdict.split("+"):
         if name == MAINS and MAINS not in effects:

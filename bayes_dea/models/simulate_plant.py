@@ -133,7 +133,7 @@ def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.flo
     if plant.mains_m != 0.0:
         y = y + plant.mains_m * np.sin(2 * np.pi * plant.mains_Hz * t + plant.mains_phase_rad)
     if plant.y_max_m < np.inf:
-        y = np.minimum(y, plant.y_max_m)
+        y = np.minimum(y, plant.y_max_m - nodes.zero_m)
     return y
 
 

@@ -1,0 +1,48 @@
+"""The end of a sensor's range as a reading, its noise added beyond: in every recording another displacement."""
+
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch.diagnosis import diagnose
+
+NOISE, SPREAD = 2e-6, 6e-6
+
+
+@pytest.fixture(scope="module")
+def noiseless():
+    return concealed(scale=1e-3)
+
+
+def limited(campaign, limit_m):
+    """With zeros that scatter by 6 um, and readings that end before the noise is added."""
+    rng = np.random.default_rng(5)
+    out = []
+    for r in campaign.recordings:
+        y = np.minimum(r.columns["displacement_m"] + SPREAD * rng.standard_normal(), limit_m)
+        y = y + NOISE * rng.standard_normal(y.size)
+        out.append(replace(r, columns=MappingProxyType({**r.columns, "displacement_m": y})))
+    return replace(campaign, recordings=tuple(out))
+
+
+@pytest.mark.parametrize("part", [0.45, 0.6])
+def test_the_limit_is_named_and_found_to_its_error(noiseless, part):
+    """At 0.8 of the largest displacement one recording reaches it: there it is a displacement as well as a reading."""
+    limit = part * max(float(np.max(r.columns["displacement_m"])) for r in noiseless.recordings)
+    s = diagnose(limited(noiseless, limit), "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "sensor_clipping"
+    assert s["confidence"] > 0.9
+    assert "ends at one of its readings" in s["statement"]
+    found = s["hypotheses"][0]["parameters"]["y_max_m"]
+    assert found["sd"] < 0.5e-6
+    assert abs(found["mean"] - limit) < 4.0 * found["sd"] + 0.1e-6
+    assert f"{1e6 * found['mean']:.3g} um" in s["statement"]
+
+
+def test_the_end_of_a_displacement_is_no_reading():
+    s = diagnose(concealed({"sensor_clipping": {"y_max_m": 1.6e-4, "clip_noise": 0.0}}), "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "sensor_clipping"
+    assert "ends at one of its readings" not in s["statement"]
