@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.checks import first_row
+from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
 from bayes_dea.errors import InputError
-from bayes_dea.noise.thinned import reading_every
 
 _EPS0 = 8.8541878128e-12  # F/m
 _TYPICAL_MODULUS = 1e6  # Pa

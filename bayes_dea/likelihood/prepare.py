@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.order import differences, median
+from ..campaign.rhythm import reading_every, with_a_reading
 from ..campaign.schema import Campaign, Recording, Sensor
 from ..campaign.scratch import BLOCK, beside, computed, pieces
 from ..errors import InputError
 from ..models.electrostatics import filled_input
 from ..noise.stated import signal_size
-from ..noise.thinned import reading_every, with_a_reading
 
 if TYPE_CHECKING:
     from ..noise.mains import Mains

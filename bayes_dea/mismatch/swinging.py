@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.signal import detrend, periodogram
 from scipy.stats import gamma
 
+from ..campaign.rhythm import with_a_reading
 from ..models.electrostatics import filled_input
 from ..noise.quiet import still_windows, stillness
-from ..noise.thinned import with_a_reading
 from .reduced import Piece
 from .refit import Fit
 

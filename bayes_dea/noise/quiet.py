@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.rhythm import with_a_reading
 from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
 from bayes_dea.noise.edges import input_noise
-from bayes_dea.noise.thinned import with_a_reading
 
 Array = NDArray[np.float64]
 LAGS = 20

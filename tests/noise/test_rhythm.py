@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bayes_dea.campaign.rhythm import reading_every, with_a_reading
 from bayes_dea.noise.quiet import quiet_noise
-from bayes_dea.noise.thinned import reading_every, with_a_reading
 
 
 def slow(y, every, first=0):
