@@ -27,6 +27,10 @@ _LONG_S = 3 * 86400.0
 OVERRIDE = 'If it is right as it is, set plausibility = "warn" in [conventions].'
 #: rows of one of the stretches by which a column is judged that is too long to be looked at whole
 _STRETCH = 5_000
+#: rows by which the span of a voltage is judged, and share of it within which most rows of a step lie
+_LOOKED_AT, _OF_A_WAVE = 200_000, 0.2
+#: crossings of its middle that a wave has at least
+_CROSSINGS = 6
 #: faster than this an actuator may swing against its drive (resonance), and a sign says nothing
 _SLOW_HZ = 5.0
 #: time constants with which the answer may lag behind the drive when its sign is judged, in s
@@ -145,15 +149,26 @@ def dominant_frequency(voltage: NDArray[np.float64], time_s: NDArray[np.float64]
     """Crossings of the middle per second of the stretch in which there are any, rests before and after left out."""
     count, first, last = swings(voltage)
     seconds = float(time_s[last] - time_s[first])
-    return (count - 1) / 2.0 / seconds if count >= 6 and seconds > 0.0 else 0.0
+    return (count - 1) / 2.0 / seconds if count >= _CROSSINGS and seconds > 0.0 else 0.0
 
 
 def swings(voltage: NDArray[np.float64]) -> tuple[int, int, int]:
     """How often a voltage (n,) crosses its middle, and the rows of the first and last crossing.
 
-    With a dead band of half the span, so that noise does not count: a crossing is seen where that is left.
+    With a dead band of half the span, so that noise does not count: a crossing is seen where that is left. A wave that
+    stays above its rests has few; it crosses the middle of the span of most rows, where these have one.
     """
     low, high = float(np.nanmin(voltage)), float(np.nanmax(voltage))
+    found = _crossings(voltage, low, high)
+    if found[0] >= _CROSSINGS:
+        return found
+    usual = np.nanquantile(voltage[:: -(-voltage.size // _LOOKED_AT)], [0.1, 0.9])
+    wave = usual[1] - usual[0] > _OF_A_WAVE * (high - low)
+    return max(found, _crossings(voltage, float(usual[0]), float(usual[1]))) if wave else found
+
+
+def _crossings(voltage: NDArray[np.float64], low: float, high: float) -> tuple[int, int, int]:
+    """`swings` of a voltage (n,) whose span is known."""
     middle, band = 0.5 * (high + low), 0.25 * (high - low)
     count, first, end, last = 0, 0, 0, 0
     if not band > 0.0:

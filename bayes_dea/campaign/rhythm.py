@@ -25,11 +25,11 @@ def reading_every(y: ArrayLike) -> tuple[int, int]:
         return 0, 1
     apart = np.diff(rows)
     every = int(np.argmax(np.bincount(apart[apart < _RAREST], minlength=2)))
-    phase = rows % every if every > 1 else rows
-    first = int(np.argmax(np.bincount(phase))) if every > 1 else 0
-    if every < 2 or np.mean(phase == first) < _KEPT:
+    if every < 2:
         return 0, 1
-    return first, every
+    phase = rows % every
+    first = int(np.argmax(np.bincount(phase)))
+    return (first, every) if np.mean(phase == first) >= _KEPT else (0, 1)
 
 
 def with_a_reading(y: ArrayLike) -> slice:

@@ -229,11 +229,11 @@ def descended(
             if ends or (aged == 0 and kept is None):
                 break
             # what promised nothing, or wrongly, was carried on or another fit's
-            kept = kept if aged else None
-            sums, logs, clean, at = problem.gram(q, noise, kept=kept, clean=clean)
+            anew = kept if aged else None
+            sums, logs, _, at = problem.gram(q, noise, kept=anew, clean=clean)
             if not np.isfinite(sums).all():
                 break
-            gram, logdet, slopes, aged = sums, logs, at, 0
+            gram, logdet, slopes, kept, aged = sums, logs, at, anew, 0
             continue
         gained = value - new[1]
         last = gained < 3 * tolerance

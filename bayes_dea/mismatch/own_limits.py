@@ -10,18 +10,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from ..models.nodes import Nodes
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit, refit
+from .relocate import relocated
 from .reread import Rereading
 from .weigh import Weighed
 
 CLIPPING = "sensor_clipping"
-#: times that zeros are taken from a fit, and the fit from zeros
-_ROUNDS = 3
+#: times that zeros are taken from a fit and the fit from zeros, at most; nats below which another gains nothing
+_ROUNDS, _GAINED = 12, 1.0
 #: share of the limit below it within which zeros may lie, at least
 _BELOW = 0.1
 
@@ -33,18 +35,28 @@ def limit_of_readings(
 
     best: inadequate, with clipping among its effects; log_prior: of it.
     """
-    if CLIPPING not in best.effects:
+    fit = _settled(best.fit, prior)
+    if fit is None or fit.log_evidence <= best.fit.log_evidence:
         return None
-    fit: Fit = best.fit
+    if scan(fit, rng).p_value <= ADEQUATE:
+        # a mode that was bent to the end of a displacement, or flattened by it, may not find back
+        fit = _settled(relocated(fit, prior), prior)
+        if fit is None or scan(fit, rng).p_value <= ADEQUATE:
+            return None
+    return Rereading(fit, fit.log_evidence + log_prior, limit=True)
+
+
+def _settled(fit: Fit, prior: NoisePrior) -> Fit | None:
+    """A fit whose zeros are its own, begun from another one; None where the model has no answer."""
     for _ in range(_ROUNDS):
         pieces = as_shown(fit, fit.problem.pieces)
         moved = refit(replace(fit.problem, pieces=pieces), fit.q, prior.start(), prior)
         if moved is None:
             return None
-        fit = moved
-    if fit.log_evidence <= best.fit.log_evidence or scan(fit, rng).p_value <= ADEQUATE:
-        return None
-    return Rereading(fit, fit.log_evidence + log_prior, limit=True)
+        gained, fit = moved.log_evidence - fit.log_evidence, moved
+        if abs(gained) < _GAINED:
+            break
+    return fit
 
 
 def as_shown(fit: Fit, pieces: tuple[Piece, ...]) -> tuple[Piece, ...]:
@@ -84,8 +96,8 @@ def limit_as_shown(fit: Fit) -> dict[str, float]:
     slopes[at] = size
     slopes[gain_at] = limit  # its coordinate is log(1 + g)
     sd = float(np.sqrt(slopes @ fit.covariance @ slopes))
-    low, high = (limit + z * sd for z in (-1.6448536269514722, 1.6448536269514722))
-    return {"mean": limit, "sd": sd, "q05": low, "q50": limit, "q95": high, "map": limit}
+    low, high = limit + sd * ndtri([0.05, 0.95])
+    return {"mean": limit, "sd": sd, "q05": float(low), "q50": limit, "q95": float(high), "map": limit}
 
 
 def limit_note() -> str:

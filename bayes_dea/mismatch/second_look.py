@@ -42,9 +42,11 @@ def contradiction(
     together = refit(problem, opened.q, corrected.noise, prior, known=_known(opened, problem))
     if together is None:
         return 0.0
-    # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
-    swings = swinging(together, resolution) if limit is None else None
-    p_value = min(scan(together, rng).p_value, 1.0 if swings is None else swings.p_value)
+    p_value = scan(together, rng).p_value
+    if p_value > ADEQUATE and limit is None:
+        # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
+        swings = swinging(together, resolution)
+        p_value = p_value if swings is None else swings.p_value
     return p_value if p_value <= ADEQUATE else None
 
 

@@ -34,8 +34,8 @@ class Nodes:
     command at the row); row (m,) index of the row; n: rows of the recording; hold: convention of the recording;
     temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven. lines_V (2, m) V:
     start and end of the command in the interval that ends at each node, where `volts` and `hold` do not say it.
-    unread: nodes at which the output is to be read off straight between their neighbours. zero_m: of
-    the sensor, in its recording, where the end of its range is a reading and not a displacement.
+    unread: nodes at which the output is to be read off straight between their neighbours. zero_m: of the
+    sensor in this recording, where the end of its range is a reading and not a displacement.
     """
 
     time_s: NDArray[np.float64]
