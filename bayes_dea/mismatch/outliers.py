@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.rhythm import with_a_reading
 from ..models.electrostatics import filled_input
 from ..noise.isolated import Recurrence, isolated_outliers, recurrence
 from .features import excitation
@@ -22,7 +23,10 @@ _NAMED = 5
 
 
 def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bool_]]:
-    """Rows (n,) of false readings by recording, for displacement pieces under a fit (see `isolated_outliers`)."""
+    """Rows (n,) of false readings by recording, for displacement pieces under a fit (see `isolated_outliers`).
+
+    Of a sensor that is read at every k-th row these rows alone are neighbours.
+    """
     found = {}
     problem = replace(fit.problem, pieces=tuple(pieces))
     seen: list[tuple[Piece, Array, Recurrence]] = []
@@ -32,8 +36,9 @@ def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bo
         r = piece.recording
         u = filled_input(r.columns["voltage_V"])
         frequency = excitation(r.time_s, u)[0]
-        back = recurrence(u, 1.0 / frequency if frequency > 0 else 0.0)
-        seen.append((piece, own_offset_and_gain(piece, x), back))
+        read = with_a_reading(piece.prepared.y)
+        back = recurrence(u[read], 1.0 / frequency if frequency > 0 else 0.0)
+        seen.append((piece, own_offset_and_gain(piece, x)[read], back))
     for piece, residual, back in seen:
         step = piece.prepared.reading_step_s
         elsewhere = [
@@ -42,8 +47,10 @@ def false_readings(fit: Fit, pieces: Sequence[Piece]) -> dict[str, NDArray[np.bo
             if p is not piece and abs(p.prepared.reading_step_s - step) < 0.01 * step
         ]
         sigma, rho = fit.noise.of(piece)
-        rows = isolated_outliers(
-            residual, piece.recording.time_s, sigma, rho, back, piece.prepared.sensor.resolution or 0.0, elsewhere
+        read = with_a_reading(piece.prepared.y)
+        rows = np.zeros(piece.prepared.y.size, dtype=np.bool_)
+        rows[read] = isolated_outliers(
+            residual, piece.recording.time_s[read], sigma, rho, back, piece.prepared.sensor.resolution or 0.0, elsewhere
         )
         if rows.any():
             found[piece.name] = rows

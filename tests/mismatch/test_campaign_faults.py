@@ -160,3 +160,18 @@ def test_a_command_that_is_on_in_the_first_row_raises_no_alarm(plain):
     s = diagnose(replace(plain, recordings=tuple(out)), "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert not s["mismatch"]["detected"]
+
+
+def test_what_follows_an_edge_of_a_slow_sensor_is_no_false_reading():
+    """A supply of 37 V/ms, read at every fifth row: readings of its first edges were taken for drop-outs."""
+    def every_fifth(y, _):
+        out = np.full(y.size, np.nan)
+        out[::5] = y[::5]
+        return out
+
+    campaign = concealed({"supply_current_limit": {"slew_V_per_s": 3.7e4}}, scale=0.2, rest_s=0.005)
+    for r in campaign.recordings:
+        campaign = with_column(campaign, r.name, every_fifth)
+    s = diagnose(campaign, "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "supply_current_limit"
+    assert not any("taken for drop-outs" in w for w in s["warnings"])
