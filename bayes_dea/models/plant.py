@@ -142,8 +142,9 @@ class Plant:
         poles, shapes = np.linalg.eig(A)
         b = np.zeros(n + 2)
         b[1] = 1.0 / mass
-        T = -1.0 / poles.astype(np.complex128)
-        return shapes[0] * np.linalg.solve(shapes, b) * T, T
+        with np.errstate(all="ignore"):  # a pole at zero has no answer, as what is not finite above
+            T = -1.0 / poles.astype(np.complex128)
+            return shapes[0] * np.linalg.solve(shapes, b) * T, T
 
     @cached_property
     def modes(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
