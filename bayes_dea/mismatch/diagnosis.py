@@ -28,7 +28,7 @@ from .frame import own_index
 from .grid import Screened
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
-from .locate import ADEQUATE, scan
+from .locate import is_adequate
 from .name import Explanation, Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior, noise_prior
 from .own_gains import MOVED, gains_of, own_gains, worth_a_search
@@ -336,7 +336,7 @@ def _retimed(
 
     None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
     """
-    if scan(base, rng).p_value > ADEQUATE:
+    if is_adequate(base, rng):
         return None
     found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
     if not found:
@@ -386,7 +386,7 @@ def _with_own_gains(
             continue
         tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
         loose = own_gains(w.fit, pieces, prior)
-        if loose is not None and scan(loose, rng).p_value > ADEQUATE:
+        if loose is not None and is_adequate(loose, rng):
             odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
             out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
     return out

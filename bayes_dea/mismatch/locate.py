@@ -10,7 +10,9 @@ need as many draws. Davison & Hinkley 1997, doi:10.1017/CBO9780511802843, ch. 4.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from .features import HARMONICS, SINCE_EDGE, Features, features
+from .reduced import Piece
 from .refit import Fit
 from .whitening import whiten
 
@@ -31,6 +34,11 @@ FAMILY_WISE = 0.01
 _DRAWS = 240
 _WAY = {1: "rising", -1: "falling"}
 _SMALLEST = 4  # blocks in the shortest window
+#: sd below which a window is one that the fit could absorb: it says nothing
+_ABSORBED = 0.2
+#: how many of the highest windows may refute a fit at once, and the chance below which that is beyond doubt: a
+#: thousandth of what is asked for
+_HIGHEST, _BEYOND_DOUBT = 3, 1e-6
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,11 @@ class Residuals:
         return out
 
 
+def weights_of(piece: Piece) -> Array:
+    """Weights (nb + m,) of a piece, see `Residuals`."""
+    return np.concatenate([np.sqrt(piece.blocks.count), np.zeros(piece.nuisance_sd.size)])
+
+
 def residuals(fit: Fit) -> Residuals:
     """Whitened residuals at the maximum of a fit."""
     whitened, jac, local, raw, weights = [], [], [], [], []
@@ -77,7 +90,7 @@ def residuals(fit: Fit) -> Residuals:
         whitened.append(x[:, 0])
         jac.append(x[:, 1:])
         local.append(N)
-        weights.append(np.concatenate([np.sqrt(piece.blocks.count), np.zeros(m)]))
+        weights.append(weights_of(piece))
         # the offset and mains that the piece's own posterior gives
         raw.append(columns[0] - w.coupling[:, 0] @ piece.nuisance)
     J = np.concatenate(jac)
@@ -121,27 +134,66 @@ class Scan:
         return self.p_value < FAMILY_WISE
 
 
-def scan(fit: Fit, rng: np.random.Generator, looks: list[Features] | None = None, draws: int = _DRAWS) -> Scan:
-    """Search a fit's residuals for a mismatch."""
+@dataclass(frozen=True)
+class Places:
+    """Where recordings are looked at: windows as unit rows of a matrix. They depend on the recordings, on no fit."""
+
+    rows: csr_matrix = field(repr=False)  # (windows, n), see `Residuals`
+    windows: tuple[Window, ...] = field(repr=False)
+
+    @cached_property
+    def across(self) -> NDArray[np.int64]:
+        """Indices of the windows over several recordings."""
+        return np.flatnonzero([w.piece < 0 for w in self.windows])
+
+    def sd(self, res: Residuals) -> Array:
+        """(windows,) sds of the windows under the null: what is left of them after the projection."""
+        # columns of different recordings side by side: a window in one of them sees only its own
+        most = max(N.shape[1] for N in res.local)
+        beside = np.zeros((res.e.size, most))
+        for begin, N in zip(res.start, res.local, strict=False):
+            beside[begin : begin + len(N), : N.shape[1]] = N
+        taken = np.sum((self.rows @ np.hstack([beside, res.basis])) ** 2, axis=1)
+        wide = self.rows[self.across]
+        taken[self.across] = np.sum((wide @ res.basis) ** 2, axis=1)
+        for i, N in enumerate(res.local):
+            taken[self.across] += np.sum((wide[:, res.start[i] : res.start[i + 1]] @ N) ** 2, axis=1)
+        return np.sqrt(np.maximum(1.0 - taken, 0.0))
+
+
+def places_of(pieces: Sequence[Piece], looks: Sequence[Features] | None = None) -> Places:
+    """The windows of recordings."""
+    rows = _windows(pieces, looks or [features(p) for p in pieces])
+    return Places(rows.matrix(), tuple(rows.windows))
+
+
+def scan(fit: Fit, rng: np.random.Generator, places: Places | None = None, draws: int = _DRAWS) -> Scan:
+    """Search a fit's residuals for a mismatch. places: those of its recordings, where they are known already."""
+    return _scan(residuals(fit), rng, places or places_of(fit.problem.pieces), draws)
+
+
+def is_adequate(fit: Fit, rng: np.random.Generator, places: Places | None = None) -> bool:
+    """Whether a scan of a fit finds nothing significant. Where a few windows say no beyond doubt none is drawn."""
+    places = places or places_of(fit.problem.pieces)
     res = residuals(fit)
-    looks = looks or [features(p) for p in fit.problem.pieces]
-    T, windows = _windows(fit, res, looks)
-    # variance of each window under the null: what is left of it after the projection
-    variance = np.asarray(T.multiply(T).sum(axis=1)).ravel()
-    for i, N in enumerate(res.local):
-        part = T[:, res.start[i] : res.start[i + 1]]
-        variance -= np.sum(np.asarray(part @ N) ** 2, axis=1)
-    rest = res.basis.copy()
-    variance -= np.sum(np.asarray(T @ rest) ** 2, axis=1)
-    sd = np.sqrt(np.maximum(variance, 0.0))
-    use = sd > 0.2  # a window that the fit could absorb says nothing
-    scale = np.where(use, 1.0 / np.maximum(sd, 0.2), 0.0)
-    z = np.asarray(T @ res.e).ravel() * scale
+    size = np.abs(places.rows @ res.e)  # in units of at least their sd
+    # Bonferroni: so far beyond what so many windows reach by chance no draws are needed
+    far = [k for k in np.argsort(size)[-_HIGHEST:] if size.size * math.erfc(size[k] / math.sqrt(2.0)) < _BEYOND_DOUBT]
+    if far and np.any(Places(places.rows[far], tuple(places.windows[k] for k in far)).sd(res) > _ABSORBED):
+        return False
+    return _scan(res, rng, places, _DRAWS).p_value > ADEQUATE
+
+
+def _scan(res: Residuals, rng: np.random.Generator, places: Places, draws: int) -> Scan:
+    sd = places.sd(res)
+    use = sd > _ABSORBED
+    scale = np.where(use, 1.0 / np.maximum(sd, _ABSORBED), 0.0)
+    z = (places.rows @ res.e) * scale
     largest = np.empty(draws)
     for begin in range(0, draws, 24):
         k = min(24, draws - begin)
         noise = res.project(rng.standard_normal((res.e.size, k)))
-        largest[begin : begin + k] = np.max(np.abs(np.asarray(T @ noise)) * scale[:, None], axis=0)
+        largest[begin : begin + k] = np.max(np.abs(places.rows @ noise) * scale[:, None], axis=0)
     # Gumbel by moments in the square, where the tail of a normal maximum is exponential
     x = largest**2
     beta = float(np.std(x, ddof=1)) * math.sqrt(6) / math.pi
@@ -155,7 +207,7 @@ def scan(fit: Fit, rng: np.random.Generator, looks: list[Features] | None = None
         math.sqrt(top),
         threshold,
         z,
-        tuple(windows),
+        places.windows,
         float(res.e @ res.e) / max(dof, 1),
         int(res.e.size),
     )
@@ -165,12 +217,15 @@ class _Rows:
     """Rows of a sparse matrix, each normalised to one."""
 
     def __init__(self, weights: Array) -> None:
+        """weights: see `Residuals`."""
         self.weights = weights
         self.index: list[NDArray[np.int64]] = []
         self.value: list[Array] = []
+        self.sizes: list[int] = []
         self.windows: list[Window] = []
 
     def add(self, index: NDArray[np.int64], shape: Array | None, window: Window) -> None:
+        """One window with a shape."""
         if index.size < _SMALLEST:
             return
         v = self.weights[index] * (1.0 if shape is None else shape)
@@ -178,37 +233,46 @@ class _Rows:
         if norm > 0:
             self.index.append(index)
             self.value.append(v / norm)
+            self.sizes.append(index.size)
             self.windows.append(window)
 
-    def matrix(self, n: int) -> csr_matrix:
-        sizes = [i.size for i in self.index]
+    def add_all(self, begin: int, nb: int, t: Array, piece: int) -> None:
+        """Flat windows in time of every length by powers of two, each overlapping half of the next."""
+        size = _SMALLEST
+        while size <= nb:
+            first = np.arange(0, nb - size + 1, max(size // 2, 1))
+            index = begin + first[:, None] + np.arange(size)
+            v = self.weights[index]
+            self.index.append(index.ravel())
+            self.value.append((v / np.linalg.norm(v, axis=1, keepdims=True)).ravel())
+            self.sizes += [size] * first.size
+            ends = zip(t[first].tolist(), t[first + size - 1].tolist(), strict=True)
+            self.windows += [Window("time", piece, "", a, b, "") for a, b in ends]
+            size *= 2
+
+    def matrix(self) -> csr_matrix:
+        """(windows, n)"""
+        ends = np.concatenate([[0], np.cumsum(self.sizes)])
         return csr_matrix(
-            (np.concatenate(self.value), np.concatenate(self.index), np.concatenate([[0], np.cumsum(sizes)])),
-            shape=(len(sizes), n),
+            (np.concatenate(self.value), np.concatenate(self.index), ends), shape=(len(self.sizes), self.weights.size)
         )
 
 
-def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matrix, list[Window]]:
-    rows = _Rows(res.weights)
+def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
+    weights = [weights_of(p) for p in pieces]
+    start = np.concatenate([[0], np.cumsum([w.size for w in weights])]).astype(np.int64)
+    rows = _Rows(np.concatenate(weights))
     edge_bins: dict[tuple[str, int, int], list[NDArray[np.int64]]] = {}
     level_bins: dict[tuple[str, int], list[NDArray[np.int64]]] = {}
     way_bins: dict[str, list[NDArray[np.int64]]] = {}
     top = max(
-        (float(np.max(f.level)) for p, f in zip(fit.problem.pieces, looks, strict=True) if p.channel == "displacement"),
+        (float(np.max(f.level)) for p, f in zip(pieces, looks, strict=True) if p.channel == "displacement"),
         default=1.0,
     )
-    for i, (piece, f) in enumerate(zip(fit.problem.pieces, looks, strict=True)):
-        begin, nb = int(res.start[i]), piece.blocks.n
+    for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
+        begin, nb = int(start[i]), piece.blocks.n
         t = f.time_s
-        size = _SMALLEST
-        while size <= nb:
-            for a in range(0, nb - size + 1, max(size // 2, 1)):
-                rows.add(
-                    np.arange(begin + a, begin + a + size),
-                    None,
-                    Window("time", i, "", float(t[a]), float(t[a + size - 1]), ""),
-                )
-            size *= 2
+        rows.add_all(begin, nb, t, i)
         if nb >= 16:
             x = np.linspace(-1, 1, nb)
             every = np.arange(begin, begin + nb)
@@ -310,7 +374,7 @@ def _windows(fit: Fit, res: Residuals, looks: list[Features]) -> tuple[csr_matri
         )
     for name, parts in way_bins.items():
         rows.add(np.concatenate(parts), None, Window("direction", -1, f"while the input goes {name}", 0.0, 0.0, name))
-    return rows.matrix(res.e.size), rows.windows
+    return rows
 
 
 def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[dict[str, Any]]:

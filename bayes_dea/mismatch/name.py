@@ -32,7 +32,7 @@ from .further import (
 from .grid import Screened
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
 from .known import Known
-from .locate import ADEQUATE, Scan, scan
+from .locate import ADEQUATE, Places, Scan, is_adequate, places_of, scan
 from .noise_prior import NoisePrior
 from .places import with_free_places
 from .reduced import Piece
@@ -86,12 +86,12 @@ class Naming:
 
 
 def explain(
-    weighed: Weighed, looks: list[Features], columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
+    weighed: Weighed, places: Places, columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
     tell: Tell = silence,
 ) -> Explanation:
     """A hypothesis with its adequacy and, where it is adequate, what a discrepancy would add."""
     tell(1, 6, weighed.name)
-    found = Explanation(weighed, scan(weighed.fit, rng, looks))
+    found = Explanation(weighed, scan(weighed.fit, rng, places))
     if not found.adequate:
         return found
     beside = discrepancy(weighed.fit, columns, prior, (), lambda done, of, text: tell(2 + done, 2 + of, text))
@@ -123,12 +123,12 @@ def name_physics(
     to be made clean first, and None is returned.
     """
     say = report or (lambda *_: None)
-    columns = basis(base, looks)
+    columns, places = basis(base, looks), places_of(base.problem.pieces, looks)
     model = base.problem.model
     say("finding starts", 0, 3, "slow waves and plateaus")
     frames = frames_of(base, looks, prior)
     say("finding starts", 1, 3, "what is left")
-    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, looks))
+    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, places))
     names, skipped = candidates(model, campaign, {p.channel for p in base.problem.pieces}, established)
     given: dict[str, object] = {**effect_priors(names, campaign), **(overrides or {})}
     low = None
@@ -142,7 +142,7 @@ def name_physics(
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
 
     def adequate(fit: Fit) -> bool:
-        return scan(fit, rng, looks).p_value > ADEQUATE
+        return is_adequate(fit, rng, places)
 
     singles = refined(base, found, prior, say, 2, rng, spoiled, adequate=adequate)
     if singles is None:
@@ -174,7 +174,7 @@ def name_physics(
         left(0, 6, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
-        best = explain(thoughts(ranked[0]), looks, columns, rng, prior, left)
+        best = explain(thoughts(ranked[0]), places, columns, rng, prior, left)
         others.append(best)
     # more than one effect, where one is not enough
     for _ in range(most_effects):
@@ -225,7 +225,7 @@ def name_physics(
         if not enough_alone and left_over - excess(top.fit, prior) < _STEP * left_over:
             break
         top = thoughts(top)
-        best = explain(top, looks, columns, rng, prior, left)
+        best = explain(top, places, columns, rng, prior, left)
         others.append(best)
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
@@ -237,10 +237,10 @@ def name_physics(
             known.take(beside(small, model, names, prior, given, say, rng, adequate))
             pair = max(known.counting, key=known.weight, default=none.weighed)
             if pair is not none.weighed and known.weight(pair) > known.weight(small):
-                best = explain(thoughts(pair), looks, columns, rng, prior, left)
+                best = explain(thoughts(pair), places, columns, rng, prior, left)
                 others.append(best)
     if not best.adequate:
-        judged = _but_for_what_is_too_small(best, known, looks, columns, rng, prior, left)
+        judged = _but_for_what_is_too_small(best, known, places, columns, rng, prior, left)
         none = judged if best is none else none
         others = [judged if e is best else e for e in others]
         best = judged
@@ -264,7 +264,7 @@ def name_physics(
 
 
 def _but_for_what_is_too_small(
-    best: Explanation, known: Known, looks: list[Features], columns: list[Array], rng: np.random.Generator,
+    best: Explanation, known: Known, places: Places, columns: list[Array], rng: np.random.Generator,
     prior: NoisePrior, tell: Tell,
 ) -> Explanation:
     """What is left by an explanation, judged beside one or two further effects that move less than the sensor resolves.
@@ -279,7 +279,7 @@ def _but_for_what_is_too_small(
     ]
     if not small:
         return best
-    beside = explain(max(small, key=lambda w: w.log_evidence), looks, columns, rng, prior, tell)
+    beside = explain(max(small, key=lambda w: w.log_evidence), places, columns, rng, prior, tell)
     return replace(best, discrepancy=beside.discrepancy, small=beside.weighed) if beside.adequate else best
 
 

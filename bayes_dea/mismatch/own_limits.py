@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..models.nodes import Nodes
-from .locate import ADEQUATE, scan
+from .locate import is_adequate
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit, refit
@@ -38,10 +38,10 @@ def limit_of_readings(
     fit = _settled(best.fit, prior)
     if fit is None or fit.log_evidence <= best.fit.log_evidence:
         return None
-    if scan(fit, rng).p_value <= ADEQUATE:
+    if not is_adequate(fit, rng):
         # a mode that was bent to the end of a displacement, or flattened by it, may not find back
         fit = _settled(relocated(fit, prior), prior)
-        if fit is None or scan(fit, rng).p_value <= ADEQUATE:
+        if fit is None or not is_adequate(fit, rng):
             return None
     return Rereading(fit, fit.log_evidence + log_prior, limit=True)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..campaign import HOLDS
 from .descent import Linearisation, bounds, descend, prior_derivatives
-from .locate import ADEQUATE, scan
+from .locate import is_adequate
 from .noise_prior import NoisePrior
 from .problem import Problem
 from .prove import offset_and_gain
@@ -64,7 +64,7 @@ def other_holds(
         tell(k, len(others), f"hold = {hold}")
         moved = tuple(with_hold(p, hold) for p in pieces)
         fit = refit(replace(base.problem, pieces=moved), base.q, prior.start(), prior)
-        if fit is not None and fit.log_evidence > base.log_evidence and scan(fit, rng).p_value > ADEQUATE:
+        if fit is not None and fit.log_evidence > base.log_evidence and is_adequate(fit, rng):
             # the default is what a command is written by most often: it is named where two fit alike
             share = _WRONG_HOLD if hold == "end" else 0.5 * _WRONG_HOLD
             out.append(Rereading(fit, fit.log_evidence + math.log(share), hold=hold))
@@ -102,14 +102,14 @@ def odd_one_out(
         if near is None or not _another(*_ratio(near, pieces[i]), _NEARLY):
             continue
         others = refit(rest, near.q, prior.start(), prior, max_steps=12, coarse=True, known=near.linearisation)
-        if others is None or _chi2(others) > 1.5 or scan(others, rng).p_value < ADEQUATE:
+        if others is None or _chi2(others) > 1.5 or not is_adequate(others, rng):
             continue
         ratio, se = _ratio(others, pieces[i])
         if not _another(ratio, se):
             continue
         # alone it may have any modulus: it starts from where its size lies
         alone = refit(replace(fit.problem, pieces=(pieces[i],)), _scaled(others, ratio), prior.start(), prior)
-        if alone is None or scan(alone, rng).p_value < ADEQUATE:
+        if alone is None or not is_adequate(alone, rng):
             continue
         total = others.log_evidence + alone.log_evidence + prior.minus_log(alone.noise)
         weight = total + math.log(_MIXED_IN / len(voltage))

@@ -136,7 +136,7 @@ def refined(
     of: dict[str, Screened] = {}
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
     least = max(least, _SHARE * (left - _SMALL))
-    reached, taken = 0.0, 0.0
+    reached, taken, elsewhere_reached = 0.0, 0.0, best
     for k, s in enumerate(_in_order(base, screened)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
@@ -170,7 +170,11 @@ def refined(
         found = escape(base, of[name], out[name], prior)
         # every mode on every time constant takes a minute of what is dear: behind a leader it begins where that stands
         follows = found.fit.objective > leader.objective and bool(base.problem.model.spec.effects) and _dear(name)
-        elsewhere = begun_from(found.fit, leader, prior) if follows else relocated(found.fit, prior)
+        if _dear(name) and found.value > elsewhere_reached - LEAST_GAIN:
+            # nor is it worth that where others do as well; if it comes near, it is fitted from their base in the end
+            elsewhere = found.fit
+        else:
+            elsewhere = begun_from(found.fit, leader, prior) if follows else relocated(found.fit, prior)
         if elsewhere is not found.fit:
             found = escape(base, of[name], improved(found, base, of[name], elsewhere), prior)
         out[name] = found
