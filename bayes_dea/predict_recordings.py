@@ -168,7 +168,7 @@ def _predict_one(
     sigma, rho = posterior.noise_part(chosen, group.channel)
     own_zero = {**posterior.zeros_part(chosen), **chosen_zeros}.get(p.name)
     r = p.recording
-    masked = computed(lambda y, seen: ~seen & np.isfinite(y), p.y, p.observed, dtype=np.bool_)
+    masked = p.masked
     if isinstance(group, LinearGroup):
         blocks = log_blocks(r.time_s, voltage_drive(r).stress, y=p.y, mask=masked)
     else:

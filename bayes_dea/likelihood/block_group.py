@@ -17,6 +17,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.rhythm import with_a_reading
 from ..campaign.schema import Recording
 from ..campaign.scratch import BLOCK, computed, copied, joined, kept, pieces
 from ..errors import InputError
@@ -77,7 +78,7 @@ def make_block_record(
     """
     r = prepared.recording
     t = r.time_s
-    masked = masked_rows(prepared)
+    masked = prepared.masked
     y = computed(lambda y: np.where(np.isfinite(y), y, np.nan), prepared.y)
     if r.is_voltage:
         drive = voltage_drive(r)
@@ -123,11 +124,6 @@ def make_block_record(
         contact,
         input_variance,
     )
-
-
-def masked_rows(prepared: Prepared) -> NDArray[np.bool_]:
-    """Rows (n,) that were recorded but do not count."""
-    return computed(lambda y, seen: ~seen & np.isfinite(y), prepared.y, prepared.observed, dtype=np.bool_)
 
 
 def _first_finite(values: NDArray[np.float64]) -> int:
@@ -355,10 +351,11 @@ class BlockGroup:
             if residual is None:
                 records.append(record)
                 continue
-            observed, masked = record.prepared.observed, masked_rows(record.prepared)
+            p = record.prepared
+            read = with_a_reading(p.y)
             finite = computed(lambda r: np.where(np.isfinite(r), r, 0.0), residual)
-            means = block_means(finite, record.blocks, masked)
-            sums = _within_sums(computed(np.nan_to_num, residual), observed)
+            means = block_means(finite, record.blocks, p.masked)
+            sums = _within_sums(computed(np.nan_to_num, residual[read]), p.observed[read])
             records.append(replace(record, within=np.concatenate([sums, means])))
         return replace(self, records=tuple(records))
 

@@ -329,8 +329,7 @@ def _unit(
     for r in records:
         means = design.means[r.prepared.name][inside]
         if base is not None:
-            masked = ~r.prepared.observed & np.isfinite(r.prepared.y)
-            L = base.group.block_responses(r.prepared, r.blocks, masked)
+            L = base.group.block_responses(r.prepared, r.blocks, r.prepared.masked)
             F = np.concatenate([L, (inverse @ (means - v @ L.T)).T], axis=1)
         else:
             F = (inverse @ means).T

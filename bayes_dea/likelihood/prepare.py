@@ -62,6 +62,18 @@ class Prepared:
         return median_step(self.recording)
 
     @cached_property
+    def masked(self) -> NDArray[np.bool_]:
+        """Rows (n,) that were recorded but do not count; what a slow sensor was not read at is no gap either."""
+        out = computed(lambda y, seen: ~seen & np.isfinite(y), self.y, self.observed, dtype=np.bool_)
+        first, every = reading_every(self.y)
+        if every > 1:
+            unread = beside(self.y, np.bool_)
+            unread[:] = True
+            unread[first % every :: every] = False
+            out |= unread
+        return out
+
+    @cached_property
     def reading_step_s(self) -> float:
         """Median time between readings in s: those of a slow sensor come at every k-th row."""
         return reading_every(self.y)[1] * self.step_s

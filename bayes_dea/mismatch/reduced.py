@@ -164,9 +164,7 @@ def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
 
 def _voltage_blocks(p: Prepared) -> Blocks:
     u = filled_input(p.recording.columns["voltage_V"])
-    gap = ~np.isfinite(p.y)
-    y = np.where(gap, np.nan, p.y)
-    return log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=y, mask=~p.observed & ~gap)
+    return log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=p.y, mask=p.masked)
 
 
 def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: list[Recording]) -> Piece:
@@ -214,15 +212,7 @@ def _mechanical_piece(
         at_corners = imposed.straight.at_corners(p.recording.time_s)
         p = replace(p, observed=p.observed & ~at_corners & ~_touching(p))
     masked = ~p.observed
-    gap = ~np.isfinite(p.y)
-    blocks = log_blocks(
-        p.recording.time_s,
-        raw,
-        POSITION_BLOCKS,
-        y=np.where(gap, np.nan, p.y),
-        mask=masked & ~gap,
-        kinks=find_kinks(raw),
-    )
+    blocks = log_blocks(p.recording.time_s, raw, POSITION_BLOCKS, y=p.y, mask=p.masked, kinks=find_kinks(raw))
     path = imposed_path(p.recording, blocks)
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     nuisance = p.nuisance().T

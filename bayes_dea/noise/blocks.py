@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.scratch import beside, computed, kept
 from bayes_dea.errors import InputError
 from bayes_dea.noise.edges import find_edges, input_noise
@@ -69,9 +70,10 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     time_s : shape (n,), rising; nan rows are gaps.
     u : input (voltage, or its square, or position), shape (n,).
     settings : how blocks are cut.
-    y : observed column, shape (n,); nan rows are gaps and belong to no block.
-    mask : bool, shape (n,); True rows (drop-outs) stay inside their block but do not count. A block with
-        nothing but masked rows is left out.
+    y : observed column, shape (n,); nan rows are gaps and belong to no block, but for masked ones.
+    mask : bool, shape (n,); True rows (drop-outs, what a slow sensor was not read at) stay inside their block
+        but do not count. A block with nothing but masked rows is left out. Of a sensor that is read at every
+        k-th row a block begins and ends with a reading, and gaps are counted in its readings.
     kinks : rows that are treated like edges although the input does not jump there (`kinks.find_kinks`).
 
     Raises
@@ -86,7 +88,8 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     if not t.shape == v.shape == masked.shape == data.shape or t.ndim != 1:
         raise InputError(f"blocks: time, input, data and mask must be rows of one length, got {t.shape}, "
                          f"{v.shape}, {data.shape}, {masked.shape}; check the columns of the recording")
-    good = computed(lambda a, b, c: np.isfinite(a) & np.isfinite(b) & np.isfinite(c), t, v, data, dtype=np.bool_)
+    good = computed(lambda a, b, c, m: np.isfinite(a) & np.isfinite(b) & (np.isfinite(c) | m), t, v, data, masked,
+                    dtype=np.bool_)
     if min(s.per_decade, s.longest_s, s.input_share) <= 0 or min(s.single_after_edge, s.single_before_edge) < 0:
         raise InputError(f"blocks: settings must be positive, got {s}")
     edge, alone = beside(t, np.bool_), beside(t, np.bool_)
@@ -107,6 +110,11 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     count = _counts(masked, start, stop)
     keep = count > 0
     start, stop, count = start[keep], stop[keep], count[keep]
+    first, every = reading_every(data)
+    if every > 1:
+        start = first - every * ((first - start) // every)
+        stop = first + every * ((stop - 1 - first) // every) + 1
+        step *= every
     gap = np.ones(start.size, dtype=np.int64)
     if start.size > 1:
         gap[1:] = np.maximum(1, np.rint((t[start[1:]] - t[stop[:-1] - 1]) / step)).astype(np.int64)
