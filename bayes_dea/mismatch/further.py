@@ -413,7 +413,8 @@ def second_thoughts(
     without = without_stand_in(w, m, prior)
     if without is not None:
         start = Weighed(tuple(others), without, without.log_evidence, 0.1, 0.0)
-        found = beside(start, model, [n for n in names if n != FURTHER], prior, overrides, say, rng)
+        rest = [n for n in names if n != FURTHER]
+        found = beside(start, model, rest, prior, overrides, say, rng, reached=w.value)
         compared = simpler.fit if simpler is not None else base
         out += [replace(t, size_m=effect_size(compared, t.fit)) for t in found if t.fit is not without]
     return out

@@ -31,6 +31,8 @@ FRICTION_ELEMENTS = 64
 _QUICK_HZ, _QUIET_HZ = 100.0, 5.0
 #: part of a damper's lag within which a branch relaxes that passes for a damper between plates
 _DAMPER = 0.01
+#: time constant of a branch that is a damper beside a mass: far below any step between rows
+_AT_ONCE_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -128,12 +130,14 @@ class Plant:
     @cached_property
     def swinging_modes(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """c (K,) (1/Pa) and T (K,) (s), complex in pairs, of a mass on a linear network (see `swings`)."""
-        branches = [(k, tau) for k, tau in self.branches if k > 0.0]
+        # beside a rate that is so quick the others would be lost to rounding; such a branch is a damper
+        branches = [(k, tau) for k, tau in self.branches if k > 0.0 and tau > _AT_ONCE_S]
+        damper = self.d0_Pa_s + sum(k * tau for k, tau in self.branches if tau <= _AT_ONCE_S)
         mass, n = np.float64(self._mass), len(branches)
         A = np.zeros((n + 2, n + 2))
         A[0, 1] = 1.0
         with np.errstate(all="ignore"):
-            A[1, 0], A[1, 1] = -self.Y_Pa / mass, -(self.d0_Pa_s + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)) / mass
+            A[1, 0], A[1, 1] = -self.Y_Pa / mass, -(damper + 2 * self.zeta * np.sqrt(self.Y_Pa * mass)) / mass
             for j, (k, tau) in enumerate(branches, 2):
                 A[1, j], A[j, 1], A[j, j] = -1.0 / mass, k, -1.0 / np.float64(tau)
         if not np.isfinite(A).all():

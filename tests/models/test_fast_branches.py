@@ -53,3 +53,17 @@ def test_a_branch_as_fast_as_the_damper_stays_a_branch():
     folded, _ = strain("hooke+gm2+rate_independent_hysteresis+parallel_damper",
                        {**values, "d0_Pa_s": 300.0 + 2e5 * 0.5 * lag})
     assert np.max(np.abs(branch - folded)) > 1e-6
+
+
+@pytest.mark.parametrize("tau", [1e-10, 1e-14, 1e-20, 1e-60])
+def test_a_branch_that_a_search_drove_to_nothing_leaves_a_mass_its_modes(tau):
+    """Its rate is beyond what numbers hold beside the others: a matrix without an inverse, or modes that are noise."""
+    values = {**SLOW, **RING, "k_3_Pa": 500.0 / tau if tau > 1e-12 else 600.0, "tau_3_s": tau}
+    damper = values["k_3_Pa"] * tau
+    c, T = plant_of(build_model("hooke+gm3+inertia"), values, ACTUATOR).swinging_modes
+    expected = plant_of(
+        build_model("hooke+gm2+parallel_damper+inertia"), {**SLOW, **RING, "d0_Pa_s": damper}, ACTUATOR
+    ).swinging_modes
+    order, reference = np.lexsort((T.imag, T.real)), np.lexsort((expected[1].imag, expected[1].real))
+    np.testing.assert_allclose(T[order], expected[1][reference], rtol=1e-9)
+    np.testing.assert_allclose(c[order], expected[0][reference], rtol=1e-7)
