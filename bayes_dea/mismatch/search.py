@@ -137,13 +137,16 @@ def refined(
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
     least = max(least, _SHARE * (left - _SMALL))
     reached, taken, elsewhere_reached = 0.0, 0.0, best
+    half, there = 0.5 * sum(p.blocks.n for p in base.problem.pieces), set(base.problem.model.spec.effects)
     for k, s in enumerate(_in_order(base, screened)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
         promising = s.gain > least and (k < _REFITTED or s.gain > taken - _NEAR)
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
-        w = refine(base, s, prior, 1 if further else starts, best) if promising else None
+        # what is dear and leaves most is no part of an explanation, and takes minutes to look around in
+        most = half + REMAINS * left if left > _SMALL and DEAR.intersection(s.effects) - there else math.inf
+        w = refine(base, s, prior, 1 if further else starts, best, at_most=most) if promising else None
         if w is not None:
             best = min(best, w.value)
             reached = max(reached, base.objective - w.fit.objective)
@@ -152,8 +155,8 @@ def refined(
             if k == 0 and spoiled is not None and spoiled(w.fit):
                 return None
         if w is None:
-            most = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
-            w = Weighed(s.effects, base, min(s.log_evidence, most), 0.5, 0.0)
+            highest = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
+            w = Weighed(s.effects, base, min(s.log_evidence, highest), 0.5, 0.0)
         w = of_laws(w, screened)
         if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
             out[name], of[name] = w, s

@@ -57,17 +57,18 @@ class Weighed:
 
 def refine(
     base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf,
-    behind: float = HOPELESS,
+    behind: float = HOPELESS, at_most: float = math.inf,
 ) -> Weighed | None:
     """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide.
 
-    reached: the value (see `Weighed`) of the best so far; None where this one stays so many nats `behind` it.
+    reached: the value (see `Weighed`) of the best so far; None where this one stays so many nats `behind` it, or above
+    `at_most`.
     """
     model = screened.model
     problem = base.problem.with_model(model)
     low, high = bounds(problem)
     low, high = low + 1e-9, high - 1e-9
-    above = _hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind)
+    above = min(_hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind), at_most)
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
