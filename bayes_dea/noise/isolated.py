@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from .blocks import variance_of_mean
 from .edges import find_edges
 
 Array = NDArray[np.float64]
@@ -35,6 +36,8 @@ _AS_LARGE = 0.9
 _CONTRAST, _NOISE = 2.5, 3.5
 #: rows put before the first and behind the last
 _PAD = 9
+#: least part of the size of a run that each of its rows shows
+_EACH_ROW = 0.4
 #: more than this share of the rows is no fault now and then
 _SHARE = 0.01
 
@@ -68,10 +71,12 @@ def isolated_outliers(
 
     A run of one to eight rows is flagged where all of this holds:
 
-    - each row misses the mean that its neighbours predict under AR(1) noise, rho/(1 + rho^2) (r_before + r_after)
-      with the sd sigma sqrt((1 - rho^2)/(1 + rho^2)), by more than the normal quantile of FALSE_ALARM / (2 n). sigma
-      is `sd`, or what the median of these misses says where that is larger. So on noise that is normal and AR(1) one
-      recording in a thousand has a false alarm, whatever its length; the other conditions lower that only;
+    - one row misses the mean that its neighbours predict under AR(1) noise, rho/(1 + rho^2) (r_before + r_after)
+      with the sd sigma sqrt((1 - rho^2)/(1 + rho^2)), by more than the normal quantile of FALSE_ALARM / (4 n); the
+      mean of a run misses zero by more than that of FALSE_ALARM / (4 n (8 - 1)), at its own sd, and each of its rows
+      shows 0.4 of it. sigma is `sd`, or what the median of these misses says where that is larger. So on noise that is
+      normal and AR(1) one recording in a thousand has a false alarm, whatever its length; the other conditions lower
+      that only;
     - it lies that far outside of the range of the medians of three rows before and after (of a run: six), and misses
       the straight continuations of both sides: steps, kinks and decays are not flagged;
     - it is 2.5 times as large as all but one of its neighbours (of a run: or these are noise): ringing is not flagged;
@@ -80,8 +85,9 @@ def isolated_outliers(
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
       where there are but two). In the first 8 rows after an
       edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
-      than two of these, nothing is flagged. What lies on the side where the reading was before the edge, at it or one
-      row after (late), is held against steps at least as large only.
+      than two of these, nothing is flagged. In the rows behind these a run is not of which a row alone would not be.
+      What lies on the side where the reading was before the edge, at it or one row after (late), is held against steps
+      at least as large only.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
@@ -97,23 +103,26 @@ def isolated_outliers(
     # at either end the neighbours that are missing are as the nine that are there
     first, last = np.median(r[good[:_PAD]]), np.median(r[good[-_PAD:]])
     x = np.concatenate([np.full(_PAD, first), r[good], np.full(_PAD, last)])
-    quantile = float(norm.isf(0.5 * FALSE_ALARM / good.size))
     share = rho / (1.0 + rho * rho)
-    theory = sd * np.sqrt((1.0 - rho * rho) / (1.0 + rho * rho))
     step = float(np.median(np.diff(t[good])))
     for length in range(_RUN, 0, -1):  # the whole of a run before parts of it
         before, after = x[: -length - 1], x[length + 1 :]
         inner = np.stack([x[1 + k : x.size - length + k] for k in range(length)])
         miss = inner - share * (before + after) * (1.0 if length == 1 else 0.0)
-        # of a run the neighbours say less: its rows are held against the marginal scatter
-        scale = theory if length == 1 else sd
-        scale = max(scale, 1.4826 * float(np.median(np.abs(miss[0]))))
-        limit = max(quantile * scale, 3.0 * resolution)
-        same = np.abs(np.sign(miss).sum(axis=0)) == length
-        for at in np.flatnonzero(same & (np.abs(miss).min(axis=0) > limit)) + 1:
+        if length == 1:
+            theory, tests = sd * float(np.sqrt((1.0 - rho * rho) / (1.0 + rho * rho))), good.size
+        else:  # of a run the neighbours say less: it is held against the marginal scatter
+            theory, tests = float(np.sqrt(variance_of_mean([length], sd, rho)[0])), good.size * (_RUN - 1)
+        mean = miss.mean(axis=0)
+        scale = max(theory, 1.4826 * float(np.median(np.abs(mean))))
+        limit = max(float(norm.isf(0.25 * FALSE_ALARM / tests)) * scale, 3.0 * resolution)
+        each = (np.sign(mean) * miss).min(axis=0) > _EACH_ROW * np.abs(mean)
+        # rows that would not be told from noise one by one: after an edge that has no like they may be what it does
+        weak = np.abs(miss).min(axis=0) < float(norm.isf(0.25 * FALSE_ALARM / good.size)) * sd
+        for at in np.flatnonzero(each & (np.abs(mean) > limit)) + 1:
             rows = good[max(at - _PAD, 0) : max(at + length - _PAD, 0)]
             if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit, sd) and not _returns(
-                r, int(rows[0]), length, step, t, back, elsewhere
+                r, int(rows[0]), length, step, t, back, elsewhere, bool(length > 1 and weak[at - 1])
             ):
                 out[rows] = True
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
@@ -132,7 +141,7 @@ def _alone(x: Array, at: int, length: int, limit: float, sd: float) -> bool:
         middle = 0.5 * (length - 1)
         ahead, behind = _continued(x[at - _PAD : at][::-1], middle), _continued(x[at + length :][:_PAD], middle)
     sign = 1.0 if run[0] > 0.5 * (base[0] + base[1]) else -1.0
-    size = float(np.min(sign * run)) - max(sign * base[0], sign * base[1])
+    size = sign * float(np.mean(run)) - max(sign * base[0], sign * base[1])
     if size <= limit:
         return False
     if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
@@ -157,8 +166,12 @@ def _returns(
     t: Array,
     back: Recurrence,
     elsewhere: Sequence[tuple[Array, Recurrence]],
+    weak: bool,
 ) -> bool:
-    """Whether the residual shows the same at the other places where the input does the same."""
+    """Whether the residual shows the same at the other places where the input does the same, or may do so.
+
+    weak: rows that tell only together; they are not taken for what they are where there is no other place.
+    """
     own = _level(r, np.array([row]), length)[0]
     lag = row - back.edges
     near = np.flatnonzero((lag >= -_AHEAD - length) & (lag < _REACH))
@@ -170,7 +183,7 @@ def _returns(
         alike = alike[alike != last]
         if alike.size == 0:
             if lag[last] >= _AT_EDGE:
-                return False
+                return weak
             found = [
                 _shown(x, at.edges[same] + lag[last], at.jump[same] / back.jump[last], length, float(own))
                 for x, at in elsewhere

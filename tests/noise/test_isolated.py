@@ -183,3 +183,28 @@ def test_at_three_edges_what_two_show_is_physics():
     falls = back.edges[back.jump < 0]
     r[falls[:2] + 1] += 11.3 * 4e-6
     assert found(r, back).size == 0
+
+
+@pytest.mark.parametrize(("rho", "size"), [(0.0, 5.0), (0.6, 6.5)])
+def test_a_run_of_readings_that_are_no_outliers_one_by_one_is_found(rho, size):
+    """Three readings of a few sds each: together they are 8 of their mean. Power at least 90 %, a neighbour at most
+    on either side."""
+    _, back = wave()
+    rng = np.random.default_rng(6)
+    hits = 0
+    for _ in range(50):
+        r = noise(6000, rho, rng)
+        r[2010:2013] += size * 4e-6
+        rows = found(r, back, rho)
+        hits += rows.size >= 2 and rows[0] >= 2009 and rows[-1] <= 2013
+    assert hits >= 45
+
+
+@pytest.mark.parametrize(("at", "flagged"), [(1013, False), (2000, True)])
+def test_a_weak_run_behind_the_only_edge_may_be_what_it_does(at, flagged):
+    """Eight rows of 4 sds, twelve after the only edge: a supply that is late may leave them. Far from it they are no
+    answer to anything."""
+    back = recurrence(np.where(np.arange(5000) > 1000, 1000.0, 0.0), 0.0)
+    r = noise(5000, 0.0, np.random.default_rng(2))
+    r[at : at + 8] += 16e-6
+    assert (found(r, back).size >= 6) == flagged
