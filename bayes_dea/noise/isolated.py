@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
@@ -105,6 +106,7 @@ def isolated_outliers(
     x = np.concatenate([np.full(_PAD, first), r[good], np.full(_PAD, last)])
     share = rho / (1.0 + rho * rho)
     step = float(np.median(np.diff(t[good])))
+    around = _Surroundings(x)
     for length in range(_RUN, 0, -1):  # the whole of a run before parts of it
         before, after = x[: -length - 1], x[length + 1 :]
         inner = np.stack([x[1 + k : x.size - length + k] for k in range(length)])
@@ -119,43 +121,57 @@ def isolated_outliers(
         each = (np.sign(mean) * miss).min(axis=0) > _EACH_ROW * np.abs(mean)
         # rows that would not be told from noise one by one: after an edge that has no like they may be what it does
         weak = np.abs(miss).min(axis=0) < float(norm.isf(0.25 * FALSE_ALARM / good.size)) * sd
-        for at in np.flatnonzero(each & (np.abs(mean) > limit)) + 1:
-            rows = good[max(at - _PAD, 0) : max(at + length - _PAD, 0)]
-            if rows.size == length and not out[rows].any() and _alone(x, int(at), length, limit, sd) and not _returns(
+        places = np.flatnonzero(each & (np.abs(mean) > limit)) + 1
+        places = places[(places >= _PAD) & (places + length <= x.size - _PAD)]
+        for at in places[_alone(around, places, length, limit, sd)]:
+            rows = good[at - _PAD : at + length - _PAD]
+            if not out[rows].any() and not _returns(
                 r, int(rows[0]), length, step, t, back, elsewhere, bool(length > 1 and weak[at - 1])
             ):
                 out[rows] = True
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
 
 
-def _alone(x: Array, at: int, length: int, limit: float, sd: float) -> bool:
-    """Whether a run stands out of what lies before and after it. sd: of the noise."""
-    run = x[at : at + length]
+class _Surroundings:
+    """What lies beside the rows of residuals x (n,): for many places at once."""
+
+    def __init__(self, x: Array) -> None:
+        self.x = x
+        #: medians of three and six rows, straight lines through nine, by the first row
+        self.three = np.median(sliding_window_view(x, 3), axis=1)
+        self.six = np.median(sliding_window_view(x, _AROUND), axis=1)
+        nine = sliding_window_view(x, _PAD)
+        centred = np.arange(_PAD) - 0.5 * (_PAD - 1)
+        self.level, self.slope = nine.mean(axis=1), nine @ centred / float(centred @ centred)
+
+    def second(self, at: NDArray[np.int64], length: int, before: Array, after: Array) -> Array:
+        """Second largest of the six rows on either side of runs, off the levels before and after (k,)."""
+        side = np.arange(_AROUND)
+        ahead = self.x[at[:, None] - _AROUND + side] - before[:, None]
+        behind = self.x[at[:, None] + length + side] - after[:, None]
+        return np.asarray(np.sort(np.abs(np.concatenate([ahead, behind], axis=1)), axis=1)[:, -2])
+
+
+def _alone(around: _Surroundings, at: NDArray[np.int64], length: int, limit: float, sd: float) -> NDArray[np.bool_]:
+    """Which runs (k,) stand out of what lies before and after them. sd: of the noise."""
+    three = around.three
+    mean = np.mean([around.x[at + k] for k in range(length)], axis=0)
     if length == 1:
-        left, right = float(np.median(x[at - 3 : at])), float(np.median(x[at + length : at + length + 3]))
-        farther = float(np.median(x[at - 6 : at - 3])), float(np.median(x[at + length + 3 : at + length + 6]))
-        base = left, right
-        ahead, behind = left + (left - farther[0]) * 2.0 / 3.0, right + (right - farther[1]) * 2.0 / 3.0
+        left, right = three[at - 3], three[at + 1]
+        ahead, behind = left + (left - three[at - 6]) * 2.0 / 3.0, right + (right - three[at + 4]) * 2.0 / 3.0
     else:  # a run says more than one reading, and may be held against more
-        base = float(np.median(x[at - _AROUND : at])), float(np.median(x[at + length : at + length + _AROUND]))
-        middle = 0.5 * (length - 1)
-        ahead, behind = _continued(x[at - _PAD : at][::-1], middle), _continued(x[at + length :][:_PAD], middle)
-    sign = 1.0 if run[0] > 0.5 * (base[0] + base[1]) else -1.0
-    size = sign * float(np.mean(run)) - max(sign * base[0], sign * base[1])
-    if size <= limit:
-        return False
-    if min(sign * (float(np.mean(run)) - ahead), sign * (float(np.mean(run)) - behind)) < _KINK * size:
-        return False
-    around = np.concatenate([x[at - _AROUND : at] - base[0], x[at + length : at + length + _AROUND] - base[1]])
-    second = float(np.sort(np.abs(around))[-2])
-    return size > _CONTRAST * second or (length > 1 and second < _NOISE * sd)
-
-
-def _continued(beside: Array, middle: float) -> float:
-    """A straight line through rows beside a run, the nearest first, at the middle of it."""
-    row = np.arange(beside.size)
-    slope = float(np.polyfit(row, beside, 1)[0])
-    return float(beside.mean()) - slope * (float(row.mean()) + 1.0 + middle)
+        left, right = around.six[at - _AROUND], around.six[at + length]
+        # from the middle of the lines to that of the run
+        far = 0.5 * (length + _PAD)
+        ahead = around.level[at - _PAD] + far * around.slope[at - _PAD]
+        behind = around.level[at + length] - far * around.slope[at + length]
+    sign = np.where(around.x[at] > 0.5 * (left + right), 1.0, -1.0)
+    size = sign * mean - np.maximum(sign * left, sign * right)
+    kinked = np.minimum(sign * (mean - ahead), sign * (mean - behind)) >= _KINK * size
+    out = (size > limit) & kinked
+    second = around.second(at[out], length, left[out], right[out])
+    out[out] = (size[out] > _CONTRAST * second) | ((length > 1) & (second < _NOISE * sd))
+    return out
 
 
 def _returns(
