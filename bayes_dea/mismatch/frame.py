@@ -27,10 +27,15 @@ class Frame:
         """far: what is tried from here changes the sensitivities, so that none is carried over."""
         self.fit, self.far = fit, far
         self.whitened: list[Whitened] = []
+        #: by piece: covariance (m, m) of its nuisance, and the sensitivities (d, nb) less what that takes from them
+        self._eliminated: list[tuple[Array, Array]] = []
         total = None
         for i, piece in enumerate(fit.problem.pieces):
             w = whiten(piece, fit.problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise)
             self.whitened.append(w)
+            B, C = w.nuisance, w.columns[1:]
+            inner: Array = np.asarray(np.linalg.inv(B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)), dtype=float)
+            self._eliminated.append((inner, C - (C @ B.T @ inner) @ B))
             g = w.gram()
             total = g if total is None else total + g
         assert total is not None
@@ -75,16 +80,12 @@ class Frame:
         """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
         rr, cross = 0.0, np.zeros(self.fit.q.size)
         _, gains = self.fit.problem.beside(q)
-        for piece, w, x in zip(self.fit.problem.pieces, self.whitened, clean, strict=True):
-            r = piece.y - (1 + gains[piece.group]) * x
-            one = whiten_one(piece, r, self.fit)
-            rr += float(one @ one)
+        parts = zip(self.fit.problem.pieces, self.whitened, self._eliminated, clean, strict=True)
+        for piece, w, (inner, apart), x in parts:
+            one = whiten_one(piece, piece.y - (1 + gains[piece.group]) * x, self.fit)
             b = w.nuisance @ one
-            # M^-1 B r, with the factor kept in the columns' coupling replaced by a solve on few rows
-            M = w.nuisance @ w.nuisance.T + np.diag(1.0 / piece.nuisance_sd**2)
-            mb = np.linalg.solve(M, b)
-            rr -= float(b @ mb)
-            cross += w.columns[1:] @ one - (w.columns[1:] @ w.nuisance.T) @ mb
+            rr += float(one @ one) - float(b @ inner @ b)
+            cross += apart @ one
         return rr, cross
 
 

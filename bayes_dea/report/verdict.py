@@ -86,4 +86,4 @@ def _left_out(recordings: list[Mapping[str, Any]]) -> tuple[bool, str]:
             f"{digits.significant(chi2[low[0]], 2)} where 1 is expected)"
         )
     span = dict.fromkeys(digits.fixed(f(chi2.values()), 2) for f in (min, max))
-    return False, f"nothing seems to be left out (reduced χ² {'–'.join(span)})"
+    return False, f"nothing stands out by its size (reduced χ² {'–'.join(span)}; diagnose looks closer)"

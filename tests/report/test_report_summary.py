@@ -55,7 +55,7 @@ def test_not_converged_gives_no_ess(make_result: Make, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "level", "said"),
     [
-        ({}, "good", "nothing seems to be left out (reduced χ² 1.00)"),
+        ({}, "good", "nothing stands out by its size (reduced χ² 1.00; diagnose looks closer)"),
         ({"chi2_reduced": 5.4}, "check", "something seems to be left out on"),
         ({"chi2_reduced": 0.2}, "check", "seems overstated (reduced χ² 0.20"),
         ({"coverage_90": 0.6, "role": "validate"}, "check", "the bands are too narrow"),
