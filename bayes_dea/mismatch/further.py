@@ -18,8 +18,9 @@ from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
-from .search import DEAR, FOUND, LEAST_GAIN, RIVALS, Report, of_laws, refined, stripped
+from .search import DEAR, FOUND, LEAST_GAIN, RIVALS, SHARE, SMALL, Report, of_laws, refined, stripped
 from .size import effect_size
+from .slow_start import driven_start
 from .weigh import Weighed, excess, refine
 
 #: nats that it has to promise for a second effect beside one that leaves nothing to be seen
@@ -58,13 +59,13 @@ def names_beside(w: Weighed, names: Sequence[str]) -> list[str]:
 
 
 def beside_these(
-    frame: Frame, effects: Sequence[str], name: str, model: Model, overrides: Mapping[str, object],
+    frames: Sequence[Frame], effects: Sequence[str], name: str, model: Model, overrides: Mapping[str, object],
     sparse: bool = True, series_ohm: float | None = None,
 ) -> list[Screened]:
-    """An effect beside others on its grid, by each of its laws that has an answer."""
+    """An effect beside others on its grid, by each of its laws that has an answer. frames: see `screen`."""
     both = together(effects, name)
     models = [extended(model, both, {**overrides, **law}) for law in laws_of_effect(name)]
-    found = [screen([frame], m, both, sparse, series_ohm) for m in models if m is not None]
+    found = [screen(frames, m, both, sparse, series_ohm) for m in models if m is not None]
     return [s for s in found if s is not None]
 
 
@@ -77,17 +78,28 @@ def beside(
 
     reached: the value (see `Weighed`) of the best that is known already.
     """
-    frame = Frame(best.fit)
-    found = []
     rest = names_beside(best, names)
     overrides = {**overrides, **law_of(best)}
-    for k, name in enumerate(rest):
-        say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
-        found += beside_these(frame, best.effects, name, model, overrides)
-    promised = LEAST_GAIN if len(best.effects) < 2 else _THIRD
-    if max((s.promise for s in found), default=0.0) < max(least, promised):
+
+    def on_grids(frames: Sequence[Frame]) -> list[Screened]:
+        found = []
+        for k, name in enumerate(rest):
+            say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
+            found += beside_these(frames, best.effects, name, model, overrides)
+        return found
+
+    left, promised = excess(best.fit, prior), LEAST_GAIN if len(best.effects) < 2 else _THIRD
+    found = on_grids([Frame(best.fit)])
+    most = max((s.promise for s in found), default=0.0)
+    if most < max(least, promised, SHARE * (left - SMALL)):
+        # a press may have driven all that is fitted to where no second effect promises anything
+        driven = driven_start(best.fit, prior, [])
+        if driven is not None:
+            quiet = prior.start()
+            found = on_grids([Frame(replace(f, noise=quiet)) for f in (best.fit, driven)])
+            most = max((s.promise for s in found), default=0.0)
+    if most < max(least, promised):
         return []
-    left = excess(best.fit, prior)
     weighed = refined(
         best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached, least=promised
     )
@@ -113,7 +125,7 @@ def widened(
             continue
         say("leaving one out", 0, 1, "+".join(together(others, wide)))
         screened = beside_these(
-            Frame(plain), others, wide, model, overrides, sparse=False, series_ohm=pair.fit.values().get("R_s_ohm")
+            [Frame(plain)], others, wide, model, overrides, sparse=False, series_ohm=pair.fit.values().get("R_s_ohm")
         )
         for s in screened:
             w = refine(plain, s, prior, 2, min(pair.value, reached), _FAR_BEHIND)
@@ -137,7 +149,7 @@ def beside_the_second(
     frame = Frame(alone.fit)
     overrides = {**overrides, **law_of(alone)}
     found = [
-        s for name in names_beside(alone, names) for s in beside_these(frame, alone.effects, name, model, overrides)
+        s for name in names_beside(alone, names) for s in beside_these([frame], alone.effects, name, model, overrides)
     ]
     # what the grid promises is compared with what it promises for the one that was found, not with what that reached
     least = _PROMISING * next((s.gain for s in found if s.effects == pair.effects), math.inf)

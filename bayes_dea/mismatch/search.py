@@ -49,7 +49,7 @@ FOUND, _FOLLOWING = 5.0, 3
 #: how far (in logs) a parameter of the base has to move for what was not refitted to be looked at again
 _MOVED = 1.0
 #: share of the misfit that is left, but for so many nats, which a grid has to promise for a further effect to be fitted
-_SHARE, _SMALL = 0.1, 200.0
+SHARE, SMALL = 0.1, 200.0
 #: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
 #: effect to be looked for: of two that are there the wrong second one takes half and less
 _FINELY, REMAINS = 0.5, 0.7
@@ -135,7 +135,7 @@ def refined(
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
     # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(least, _SHARE * (left - _SMALL))
+    least = max(least, SHARE * (left - SMALL))
     reached, taken, elsewhere_reached = 0.0, 0.0, best
     half, there = 0.5 * sum(p.blocks.n for p in base.problem.pieces), set(base.problem.model.spec.effects)
     for k, s in enumerate(_in_order(base, screened)):
@@ -145,7 +145,7 @@ def refined(
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
         # what is dear and leaves most is no part of an explanation, and takes minutes to look around in
-        most = half + REMAINS * left if left > _SMALL and DEAR.intersection(s.effects) - there else math.inf
+        most = half + REMAINS * left if left > SMALL and DEAR.intersection(s.effects) - there else math.inf
         w = refine(base, s, prior, 1 if further else starts, best, at_most=most) if promising else None
         if w is not None:
             best = min(best, w.value)
@@ -210,7 +210,7 @@ def refined(
             continue
         if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
             continue
-        if left > _SMALL and excess(w.fit, prior) > _FINELY * left:
+        if left > SMALL and excess(w.fit, prior) > _FINELY * left:
             continue
         better = integrated(w.fit, own, rng, partial(_along, say, name))
         if better is not None:

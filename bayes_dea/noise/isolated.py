@@ -84,11 +84,10 @@ def isolated_outliers(
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
-      where there are but two). In the first 8 rows after an
-      edge that is the only one of its direction the edges of other recordings are looked at; where there are fewer
-      than two of these, nothing is flagged. In the rows behind these a run is not of which a row alone would not be.
-      What lies on the side where the reading was before the edge, at it or one row after (late), is held against steps
-      at least as large only.
+      where there are but two). In the first 8 rows after an edge that is the only one of its direction the edges of
+      other recordings are looked at; where there are fewer than two of these (one, of a late reading), nothing is
+      flagged. In the rows behind these a run is not of which a row alone would not be. What lies on the side where the
+      reading was before the edge, at it or one row after (late), is held against steps at least as large only.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
@@ -206,7 +205,8 @@ def _returns(
                 for same in [_alike(at.jump, float(back.jump[last]), late)]
             ]
             share = np.concatenate([np.empty(0), *found])
-            return share.size < 2 or _comes_back(share)  # nothing to compare with: nothing is claimed
+            # without anything to compare with nothing is claimed; what makes a step late does so at another as large
+            return share.size < (1 if late else 2) or _comes_back(share)
         others = back.edges[alike] + row - back.edges[last]
         weight = back.jump[alike] / back.jump[last]
     elif back.period_s > 0:

@@ -1,5 +1,8 @@
 """A second effect where one seems to be enough: a mode of the base stands in for it, or it is weak."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
@@ -9,6 +12,10 @@ from bayes_dea.campaign import load_campaign
 from bayes_dea.mismatch import further
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.locate import ADEQUATE, scan
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "runs" / "concealed"))
+
+from study import campaign_of  # noqa: E402
 
 DELAY = {"acquisition_delay": {"T_d_s": 2e-3}}
 
@@ -68,4 +75,13 @@ def test_two_that_the_leading_one_does_a_part_of_are_found_in_its_place(tmp_path
     led = weighed["sensor_nonlinearity"].log_evidence
     assert led > max(weighed[n].log_evidence for n in ("supply_dead_zone", "dielectric_absorption")) + 1000.0  # premise
     assert result.verdict == "supply_dead_zone+dielectric_absorption"
+    assert result.naming.best.adequate
+
+
+def test_a_second_effect_is_found_where_a_press_drove_the_base_off():
+    """A strong further mode beside a sensor's limit: from where the limit alone stands no grid promises anything."""
+    case = draw_case(1564291)
+    assert set(case.effects) == {"extra_relaxation_mode", "sensor_clipping"}
+    result = diagnose(campaign_of(case), case.model, seed=1)
+    assert result.verdict == "extra_relaxation_mode+sensor_clipping"
     assert result.naming.best.adequate

@@ -133,7 +133,13 @@ def test_at_an_only_edge_other_recordings_tell():
         return list(np.flatnonzero(rows))
 
     assert flagged(others) == [edge]
-    assert flagged(others[:1]) == []  # one other edge is too few to tell
+    assert flagged([]) == []
+    # one other edge tells of what is late, as a step as large is late as well; of what goes too far two are asked for
+    assert flagged(others[:1]) == [edge]
+    r[edge] -= 300e-6
+    assert flagged(others[:1]) == []
+    assert flagged(others) == [edge]
+    r[edge] += 300e-6
     answer = [(x + 100e-6 * (np.arange(3000) == edge), at) for x, at in others]
     assert flagged(answer) == []  # it comes back: physics
 
