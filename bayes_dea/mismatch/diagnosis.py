@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ..assemble import Assembled, assemble
 from ..campaign.schema import Campaign
@@ -117,12 +118,13 @@ def diagnose(
     began = time.perf_counter()
     journal = Journal(checkpoint)
     try:
-        first = _once(campaign, model, seed, s, say, priors, journal)
-        second = None
-        if first.contradiction is not None:
-            say("looking again", 0, 1, "the recordings to validate contradict the verdict")
-            everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
-            second = _once(everything, model, seed, s, say, priors, journal, in_turn)
+        with threadpool_limits(1):  # products of a few hundred rows: threads would wait for each other
+            first = _once(campaign, model, seed, s, say, priors, journal)
+            second = None
+            if first.contradiction is not None:
+                say("looking again", 0, 1, "the recordings to validate contradict the verdict")
+                everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
+                second = _once(everything, model, seed, s, say, priors, journal, in_turn)
     finally:
         journal.close()
     result = first if second is None else _decided(first, second, campaign)

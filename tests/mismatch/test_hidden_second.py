@@ -15,7 +15,7 @@ from bayes_dea.mismatch.locate import ADEQUATE, scan
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "runs" / "concealed"))
 
-from study import campaign_of  # noqa: E402
+from study import campaign_of
 
 DELAY = {"acquisition_delay": {"T_d_s": 2e-3}}
 
