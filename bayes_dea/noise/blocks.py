@@ -114,7 +114,7 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     if every > 1:
         start = first - every * ((first - start) // every)
         stop = first + every * ((stop - 1 - first) // every) + 1
-        step *= every
+        step = median(differences(t[first::every], good[first::every]))
     gap = np.ones(start.size, dtype=np.int64)
     if start.size > 1:
         gap[1:] = np.maximum(1, np.rint((t[start[1:]] - t[stop[:-1] - 1]) / step)).astype(np.int64)

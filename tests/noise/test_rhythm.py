@@ -75,8 +75,11 @@ def test_readings_of_a_slow_sensor_are_averaged(every, first):
     between = (b.start[1:] - b.stop[:-1] + 1) // every
     np.testing.assert_array_equal(b.gap[1:], between)
     assert {1, 2, 5} <= set(b.gap.tolist())
-    means = block_means(np.where(masked, np.nan, y), b, masked)
-    assert np.all(np.isfinite(means))
+    assert np.all(np.isfinite(block_means(np.where(masked, np.nan, y), b, masked)))
+    # without a mask what was not read is a gap; how many readings are missing is counted all the same
+    single = log_blocks(t, u, y=y)
+    assert np.all(single.count == 1)
+    assert {1, 2, 5} == set(single.gap.tolist())
     # the mean over the rows from reading to reading is that over readings for what is straight
     times = np.array([t[a:z].mean() for a, z in zip(b.start, b.stop, strict=True)])
     whole = np.array([masked[a:z:every].any() for a, z in zip(b.start, b.stop, strict=True)])
