@@ -65,12 +65,10 @@ class Prepared:
     def masked(self) -> NDArray[np.bool_]:
         """Rows (n,) that were recorded but do not count; what a slow sensor was not read at is no gap either."""
         out = computed(lambda y, seen: ~seen & np.isfinite(y), self.y, self.observed, dtype=np.bool_)
-        first, every = reading_every(self.y)
-        if every > 1:
-            unread = beside(self.y, np.bool_)
-            unread[:] = True
-            unread[first % every :: every] = False
-            out |= unread
+        unread = beside(self.y, np.bool_)
+        unread[:] = True
+        unread[with_a_reading(self.y)] = False
+        out |= unread
         return out
 
     @cached_property

@@ -15,7 +15,7 @@ from .journal import digest
 from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, inverse
-from .whitening import Whitened, whiten, whiten_columns
+from .whitening import whiten, whiten_columns
 
 Array = NDArray[np.float64]
 
@@ -26,16 +26,14 @@ class Frame:
     def __init__(self, fit: Fit, far: bool = False) -> None:
         """far: what is tried from here changes the sensitivities, so that none is carried over."""
         self.fit, self.far = fit, far
-        self.whitened: list[Whitened] = []
-        #: by piece: covariance (m, m) of its nuisance, and the sensitivities (d, nb) less what that takes from them
-        self._eliminated: list[tuple[Array, Array]] = []
+        #: by piece: nuisance (m, nb), its covariance (m, m), and the sensitivities (d, nb) less what it takes from them
+        self._eliminated: list[tuple[Array, Array, Array]] = []
         total = None
         for i, piece in enumerate(fit.problem.pieces):
             w = whiten(piece, fit.problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise)
-            self.whitened.append(w)
-            B, C = w.nuisance, w.columns[1:]
+            B = w.nuisance
             inner: Array = np.asarray(np.linalg.inv(B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)), dtype=float)
-            self._eliminated.append((inner, C - (C @ B.T @ inner) @ B))
+            self._eliminated.append((B, inner, w.columns[1:] - w.coupling[:, 1:].T @ B))
             g = w.gram()
             total = g if total is None else total + g
         assert total is not None
@@ -80,10 +78,9 @@ class Frame:
         """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
         rr, cross = 0.0, np.zeros(self.fit.q.size)
         _, gains = self.fit.problem.beside(q)
-        parts = zip(self.fit.problem.pieces, self.whitened, self._eliminated, clean, strict=True)
-        for piece, w, (inner, apart), x in parts:
+        for piece, (B, inner, apart), x in zip(self.fit.problem.pieces, self._eliminated, clean, strict=True):
             one = whiten_one(piece, piece.y - (1 + gains[piece.group]) * x, self.fit)
-            b = w.nuisance @ one
+            b = B @ one
             rr += float(one @ one) - float(b @ inner @ b)
             cross += apart @ one
         return rr, cross
