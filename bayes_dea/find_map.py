@@ -46,13 +46,11 @@ _SAME_NATS = 0.01
 class MapSettings:
     """swarms: independent runs that must agree; agreement: in nats; swarm: how each moves.
 
-    rough: only the best swarm's end is polished, and that loosely: a start for another descent, which needs no proof.
     first_look: iterations after which it is asked whether eight swarms stand in one basin already; then after twice
     as many. Fewer swarms have more of them.
     """
 
     swarms: int = 8
-    rough: bool = False
     agreement: float = 0.1
     first_look: int = 8
     swarm: SwarmSettings = SwarmSettings(particles=32, max_iterations=120, stall_iterations=15, tolerance=0.02)
@@ -358,8 +356,6 @@ def find_map(
     """
     s = settings or MapSettings()
     newton = NewtonSettings(tolerance=1e-3, max_iterations=80)
-    if s.rough:
-        newton = NewtonSettings(tolerance=1.0, max_iterations=15)
     evaluations = 0
     best: NewtonPolish | None = None
     kept: list[NDArray] = []
@@ -371,8 +367,6 @@ def find_map(
             starts, count = list(given), 0
         else:
             starts, count, found_at = _starts(posterior, search_model, linear_groups, rng, s, clock)
-        if s.rough:
-            starts = starts[:1]
         evaluations += count
         swarms = len(starts)
         if refresh is not None:
@@ -412,7 +406,7 @@ def find_map(
     near = [f for f in runs if f.value >= best.value - s.agreement or _close(posterior, f.x, best.x)]
     if refresh is not None:
         # the reference moves to the maximum, and the maximum with it
-        for _ in range(0 if s.rough else 2):
+        for _ in range(2):
             posterior = refresh(posterior, best.x)
             best = polish_newton(posterior.log_prob, best.x, settings=newton)
             evaluations += best.evaluations
@@ -425,12 +419,14 @@ def swarm_starts(
     linear_groups: list[LinearGroup],
     rng: np.random.Generator,
     settings: MapSettings,
+    report: Callable[[float, float, str], None] | None = None,
 ) -> list[NDArray]:
-    """Where the swarms lead, not polished: coordinates of the posterior (d,); arguments as for `find_map`.
+    """Where the best swarm leads, not polished: coordinates of the posterior (d,); arguments as for `find_map`.
 
     For a law that is not straight the same again with its fastest branch faster (`_parted`).
     """
-    starts = _starts(posterior, search_model, linear_groups, rng, settings, SearchClock(None))[0][:1]
+    clock = SearchClock(report)
+    starts = _starts(posterior, search_model, linear_groups, rng, settings, clock, most=1)[0][:1]
     if _bent(posterior.model, search_model):
         starts.append(_parted(posterior.model, starts[0]))
     return starts
@@ -444,14 +440,15 @@ def _starts(
     s: MapSettings,
     clock: SearchClock,
     near: NDArray | None = None,
+    most: int | None = None,
 ) -> tuple[list[NDArray], int, NDArray | None]:
     """Where the swarms lead, best first, as coordinates of the posterior; how often their objective was called; and
     the same places in the coordinates of the search, where it has its own. near: such places, from which it is but a
-    descent.
+    descent. most: how many are asked for (others may be given).
     """
     plain = not any(p.fixed for p in search_model.parameters) and not search_model.is_black_box
     if groups and search_model.separable:
-        return _voltage_starts(posterior, search_model, groups, rng, s, clock, near)
+        return _voltage_starts(posterior, search_model, groups, rng, s, clock, near, most)
     if not groups and plain and posterior.zeros:
         return _mechanical_starts(posterior, search_model, rng, s, clock, near)
     return (*_box_starts(posterior, rng, s, clock), None)
@@ -607,6 +604,7 @@ def _voltage_starts(
     s: MapSettings,
     clock: SearchClock,
     near: NDArray | None,
+    most: int | None,
 ) -> tuple[list[NDArray], int, NDArray]:
     channel = next(c for c in posterior.channels if c.channel == groups[0].channel)
     search = VoltageSearch(search_model, groups, channel.sigma_guess, np.array(channel.rho_guess), rng)
@@ -615,7 +613,7 @@ def _voltage_starts(
     tail = posterior.noise_guess()
     starts = [
         _place_zeros(posterior, np.concatenate([_own(posterior, search_model, row), tail]))
-        for row in (z[:1] if s.rough else z)
+        for row in z[:most]
     ]
     return starts, search.evaluations, x
 

@@ -66,7 +66,7 @@ _SILENT = 0.25
 class DiagnosisSettings:
     """Effort of a diagnosis."""
 
-    map: MapSettings = MapSettings(rough=True)
+    map: MapSettings = MapSettings()
     workers: int = 1
     most_effects: int = 3
 

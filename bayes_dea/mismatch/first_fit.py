@@ -1,9 +1,10 @@
-"""The fit that a diagnosis begins with: a linear model by its search, another one step by step.
+"""The fit that a diagnosis begins with: from the search of a linear model by Gauss-Newton, effects step by step.
 
-The search of a linear model projects its compliances out and is exact. A law that bends, and an effect, can only be
-simulated; a polish by numerical Hessians takes minutes there and may end far off. So a law begins where its
-linearisation ends and goes on by Gauss-Newton, and effects are put in one after the other, each on its grid with the
-rest moved along, as the search for explanations does it.
+The search of a linear model projects its compliances out and is exact for what a voltage drove. Presses, a law that
+bends, and effects can only be simulated; a polish by numerical Hessians takes ten seconds to minutes there and may end
+far off. So all go on from the search by Gauss-Newton, a law from where its linearisation ends, until no other place of
+a mode is better, and effects are put in one after the other, each on its grid with the rest moved along, as the search
+for explanations does it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble
-from ..find_map import MapSettings, find_map, swarm_starts
+from ..find_map import MapSettings, swarm_starts
 from ..likelihood.posterior import Posterior
 from ..models.bare import bare_of
 from ..models.model import Model
@@ -50,31 +51,25 @@ def first_fit(
     assembled: the campaign with that model.
     """
     model = problem.model
-    if assembled.search_model.spec == model.spec:
-        found, posterior = find_map(
-            assembled.posterior,
-            assembled.search_model,
-            list(assembled.search_groups),
-            rng,
-            settings,
-            assembled.refresh if assembled.has_blocks else None,
-            report=tell,
-        )
-        return refit(problem, coordinates(posterior, found.x, problem), prior.start(), prior)
     if not model.spec.effects:
-        return _bent(assembled, problem, prior, rng, settings)
+        return _searched(assembled, problem, prior, rng, settings, tell)
     plain = bare_of(model)
     begun = assemble(assembled.campaign, plain)
     fit = first_fit(begun, problem.with_model(plain), prior, rng, settings, tell)
     return None if fit is None else _with_effects(fit, model, prior, tell)
 
 
-def _bent(
-    assembled: Assembled, problem: Problem, prior: NoisePrior, rng: np.random.Generator, settings: MapSettings
+def _searched(
+    assembled: Assembled,
+    problem: Problem,
+    prior: NoisePrior,
+    rng: np.random.Generator,
+    settings: MapSettings,
+    tell: Tell,
 ) -> Fit | None:
-    """A law that is not linear, from where its linearisation ends."""
+    """A model without effects, from where the swarms lead; a law that bends from where its linearisation ends."""
     starts = swarm_starts(
-        assembled.posterior, assembled.search_model, list(assembled.search_groups), rng, settings
+        assembled.posterior, assembled.search_model, list(assembled.search_groups), rng, settings, tell
     )
     fits = []
     for start in starts:
