@@ -33,6 +33,8 @@ _ALIKE, _PARTNERS = 30.0, 3
 _BESIDE = 0.25
 #: the same for one that is tried as the first of a pair where nothing beside the leading one is enough, and how many
 _NEXT, _NEXT_ONES = 0.5, 2
+#: share of the misfit that a single effect has to explain for that
+_PART = 0.05
 #: nats behind the leader within which its rivals are fitted from where it stands
 _CROSSED = 60.0
 #: share of what a grid promises for an effect from which on another is tried in its place, and how many are
@@ -309,21 +311,24 @@ def in_place_of_the_first(
 
 
 def beside_the_next(
-    first: Weighed, pairs: Sequence[Weighed], weighed: Sequence[Weighed], model: Model, names: list[str],
+    none: Weighed, first: Weighed, pairs: Sequence[Weighed], weighed: Sequence[Weighed], model: Model, names: list[str],
     prior: NoisePrior, overrides: Mapping[str, object], say: Report, rng: np.random.Generator,
     adequate: Callable[[Fit], bool],
 ) -> list[Weighed]:
     """Pairs of those that explain less alone than `first` does, where no pair with it leaves noise.
 
     What leads alone may do a part of the work of two others, and be neither (the curvature of a sensor for a dead zone
-    and absorption). pairs: those with `first`.
+    and absorption). Beside what explains next to nothing of what the base leaves, nothing new is learned. none: the
+    base; pairs: those with `first`.
     """
     behind = _NEXT * excess(first.fit, prior)
+    most = (1.0 - _PART) * excess(none.fit, prior)
     following = sorted(
         (
             w for w in weighed
             if len(w.effects) == 1 and w.effects != first.effects and w.refitted and not DEAR.intersection(w.effects)
             and first.log_evidence - behind < w.log_evidence < first.log_evidence - _ALIKE
+            and excess(w.fit, prior) < most
         ),
         key=lambda w: -w.log_evidence,
     )  # fmt: skip

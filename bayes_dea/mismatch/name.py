@@ -210,7 +210,7 @@ def name_physics(
             )
             if not enough_alone:
                 swapped += beside_the_next(
-                    first, more + swapped, known.counting, model, names, prior, given, say, rng, adequate
+                    none.weighed, first, more + swapped, known.counting, model, names, prior, given, say, rng, adequate
                 )
             known.take(swapped)
             more += [w for w in swapped if known.enough(w)]

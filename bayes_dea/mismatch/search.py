@@ -32,6 +32,8 @@ Report = Callable[[str, float, float, str], None]
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
 #: effects that are dear to simulate beside others: what they do bends, or depends on what was before
 DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
+#: what takes several times a plain simulation and most sensitivities
+_COSTLY = DEAR | {"leakage"}
 #: the same where they stand before a mass or what remembers: each step has to follow both
 _BEFORE = {"series_resistance", "leakage"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
@@ -144,8 +146,8 @@ def refined(
         promising = s.gain > least and (k < _REFITTED or s.gain > taken - _NEAR)
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
-        # what is dear and leaves most is no part of an explanation, and takes minutes to look around in
-        most = half + REMAINS * left if left > SMALL and DEAR.intersection(s.effects) - there else math.inf
+        # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
+        most = half + REMAINS * left if left > SMALL and _COSTLY.intersection(s.effects) - there else math.inf
         w = refine(base, s, prior, 1 if further else starts, best, at_most=most) if promising else None
         if w is not None:
             best = min(best, w.value)

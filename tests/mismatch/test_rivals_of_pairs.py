@@ -162,3 +162,21 @@ def test_beside_a_leak_that_is_hardly_more_than_its_resistance_the_resistance_is
     # a leak that explains clearly more stays what it is
     start, _ = further.beside_the_leader(leak, [leak, Stub(("series_resistance",), 50.0, 950.0)], *given)
     assert start is leak
+
+
+def test_beside_what_explains_next_to_nothing_no_pair_is_looked_for(monkeypatch):
+    """Of what the base leaves the curvature explains two thirds, a dead zone a third, a damper a hundredth."""
+    asked = []
+
+    def beside(best, model, names, prior, overrides, say, rng, adequate, reached):
+        asked.append(best.effects)
+        return []
+
+    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    none, first = Stub((), -1000.0, 1000.0), Stub(("sensor_nonlinearity",), -333.0, 333.0)
+    zone, damper = Stub(("supply_dead_zone",), -400.0, 700.0), Stub(("parallel_damper",), -380.0, 990.0)
+    rng = np.random.default_rng(0)
+    further.beside_the_next(
+        none, first, [], [first, zone, damper], None, NAMES, None, {}, None, rng, lambda fit: False)
+    assert asked == [zone.effects]
