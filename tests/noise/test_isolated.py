@@ -214,3 +214,28 @@ def test_a_weak_run_behind_the_only_edge_may_be_what_it_does(at, flagged):
     r = noise(5000, 0.0, np.random.default_rng(2))
     r[at : at + 8] += 16e-6
     assert (found(r, back).size >= 6) == flagged
+
+
+def test_a_wave_that_begins_with_a_step_has_one_edge_there():
+    """10 Hz from 650 V on: 25 V a row behind the step are no edge of their own, to which its answer would be held."""
+    t = STEP * np.arange(2500)
+    u = np.where((t >= 0.5) & (t < 2.0), 650.0 + 400.0 * np.sin(2 * np.pi * 10.0 * (t - 0.5)), 0.0)
+    back = recurrence(u, 0.1)
+    assert back.jump.size == 2
+    assert np.all(np.abs(np.abs(back.jump) - 650.0) < 60.0)
+    pulse = np.zeros(200)
+    pulse[100:102] = 600.0  # on, and off again two rows later
+    assert list(np.sign(recurrence(pulse, 0.0).jump)) == [1.0, -1.0]
+
+
+def test_what_a_delay_leaves_behind_the_only_step_of_a_wave_is_no_false_reading():
+    """Six rows late behind a step of 650 V; a creep of 1,200 V shows the same, larger."""
+    rng = np.random.default_rng(5)
+    t = STEP * np.arange(3000)
+    u = np.where((t >= 0.5) & (t < 2.5), 650.0 + 400.0 * np.sin(2 * np.pi * 10.0 * (t - 0.5)), 0.0)
+    up = recurrence(np.where(t >= 0.5, 1200.0, 0.0), 0.0)
+    r, x = noise(3000, 0.0, rng), noise(3000, 0.0, rng)
+    r[501:507] -= 3e-5
+    x[501:507] -= 1e-4
+    flagged = isolated_outliers(r, t, 4e-6, 0.0, recurrence(u, 0.1), elsewhere=[(x, up)])
+    assert not flagged.any()
