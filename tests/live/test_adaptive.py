@@ -97,10 +97,12 @@ def carried_out(seed):
 @pytest.mark.long
 @threadpool_limits.wrap(limits=1)
 def test_what_is_expected_is_what_it_teaches():
-    """Over six benches, the 95 % interval (Student, seeds as units) of what is realised over what is expected lies
-    within 25 % of one for nats, within 12 % for the sd that was asked for. One bench alone scatters by 8 %."""
-    realised, expected, log_ratio = np.array([carried_out(seed) for seed in range(1, 7)]).T
-    reach = stats.t.ppf(0.975, 5) / math.sqrt(6)
+    """Over twelve benches, the 95 % interval (Student, seeds as units) of what is realised over what is expected lies
+    within 25 % of one for nats, within 12 % for the sd that was asked for. One bench alone scatters by 12 %; what is
+    realised is about 10 % more than what is expected."""
+    count = 12
+    realised, expected, log_ratio = np.array([carried_out(seed) for seed in range(1, count + 1)]).T
+    reach = stats.t.ppf(0.975, count - 1) / math.sqrt(count)
     surplus = (realised - expected) / expected.mean()
     assert abs(surplus.mean()) + reach * surplus.std(ddof=1) < 0.25
     assert abs(log_ratio.mean()) + reach * log_ratio.std(ddof=1) < 0.12
