@@ -13,20 +13,15 @@ from .name import Naming
 from .timing import LAG_NOTE
 from .weigh import Weighed
 
+#: share of an error by which it has to move to be said in its digits, and nats of ELPD that are worth a word
+_MOVES, _A_NAT = 0.005, 1.0
+
 
 def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str) -> str:
     """One or two sentences for a diagnosis. physics: the verdict without what the readings show by themselves."""
     verdict, proof = summary["verdict"], summary["proof"]
     confidence = f"confidence {summary['confidence']:.2f}"
-    n = len(proof["held_out"])
-    where = {"validate": f"the {n} recordings it never saw", "left out in turn": f"{n} recordings left out in turn"}
-    numbers = ""
-    if proof["rmse_before_m"] is not None and proof["rmse_after_m"] is not None:
-        before, after, noise = (1e6 * proof[k] for k in ("rmse_before_m", "rmse_after_m", "noise_m"))
-        numbers = (
-            f"the error on {where.get(proof['how'], 'them')} falls from {before:.3g} to {after:.3g} um "
-            f"(noise {noise:.3g} um)"
-        )
+    numbers = _proved(proof)
     if verdict == NONE:
         if any(w.startswith(LAG_NOTE) for w in summary["warnings"]):
             return f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
@@ -80,6 +75,25 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     doubt = f" These recordings cannot tell it from {', '.join(others)}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
     return f"{text} ({confidence}).{mended}{doubt}"
+
+
+def _proved(proof: dict[str, Any]) -> str:
+    """What the repair does to the error on recordings that it has not seen; empty without such recordings.
+
+    An effect within the noise moves the error by less than its digits: what it is worth is said in nats then.
+    """
+    if proof["rmse_before_m"] is None or proof["rmse_after_m"] is None:
+        return ""
+    n = len(proof["held_out"])
+    where = {"validate": f"the {n} recordings it never saw", "left out in turn": f"{n} recordings left out in turn"}
+    before, after, noise = (1e6 * proof[k] for k in ("rmse_before_m", "rmse_after_m", "noise_m"))
+    error = f"the error on {where.get(proof['how'], 'them')}"
+    if abs(before - after) > _MOVES * before:
+        way = "falls" if after < before else "rises"
+        return f"{error} {way} from {before:.3g} to {after:.3g} um (noise {noise:.3g} um)"
+    gain = proof["elpd_gain"] or 0.0
+    worth = f"; their log predictive density (ELPD) {'gains' if gain > 0.0 else 'loses'} {abs(gain):.3g} nats"
+    return f"{error} stays at {after:.3g} um (noise {noise:.3g} um){worth if abs(gain) >= _A_NAT else ''}"
 
 
 def sentence(note: str) -> str:
