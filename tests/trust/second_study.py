@@ -8,7 +8,7 @@ minute are done. Every campaign's row is appended to OUT/rows.jsonl when it is d
 it was. At the end: how many of each kind were named rightly, how many sets of explanations that cannot be told apart
 hold the truth, the Brier score of the confidences, and the seconds that a diagnosis took.
 
-Seeds 9000 to 9089 are those of the table in reports/concealed.
+Seeds 9000 to 9089 and 9200 to 9289 are those told of in reports/concealed.
 """
 
 from __future__ import annotations
