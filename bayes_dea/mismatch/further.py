@@ -18,7 +18,7 @@ from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
-from .search import DEAR, FOUND, LEAST_GAIN, RIVALS, SHARE, SMALL, Report, of_laws, refined, stripped
+from .search import CHARGES, DEAR, FOUND, LEAST_GAIN, RIVALS, SHARE, SMALL, Report, of_laws, refined, stripped
 from .size import effect_size
 from .slow_start import driven_start
 from .weigh import Weighed, excess, refine
@@ -45,7 +45,8 @@ _FAR, _FARTHER, _NOWHERE_NEAR = 0.1, 1.25, 0.5
 #: nats behind what was found at which something else in its place is given up
 _FAR_BEHIND = 50.0
 #: the damping of a mass and a damper in parallel are one and the same number
-SAME = {"inertia", "parallel_damper"}
+MASS = "inertia"
+SAME = {MASS, "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
 CONTAINS = {"leakage": "series_resistance"}
 
@@ -56,8 +57,15 @@ def together(effects: Sequence[str], name: str) -> tuple[str, ...]:
 
 
 def names_beside(w: Weighed, names: Sequence[str]) -> list[str]:
-    """What may be added to a hypothesis."""
-    return [n for n in names if n not in w.effects and not any({n, e} == SAME for e in w.effects)]
+    """What may be added to a hypothesis.
+
+    As a third, nothing that charges the dielectric beside a mass: as for two of these alone (`too_dear`) every step has
+    to follow both, and a pair of them is looked for beside the mass.
+    """
+    found = [n for n in names if n not in w.effects and not any({n, e} == SAME for e in w.effects)]
+    if len(w.effects) < 2:
+        return found
+    return [n for n in found if not (MASS in (n, *w.effects) and CHARGES.intersection((n, *w.effects)))]
 
 
 def beside_these(

@@ -32,10 +32,10 @@ Report = Callable[[str, float, float, str], None]
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
 #: effects that are dear to simulate beside others: what they do bends, or depends on what was before
 DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
-#: what takes several times a plain simulation and most sensitivities
+#: what charges the dielectric slowly: before a mass or what remembers, each step has to follow both
+CHARGES = {"series_resistance", "leakage"}
+#: what takes several times as long as others to simulate, most parameters included
 _COSTLY = DEAR | {"leakage"}
-#: the same where they stand before a mass or what remembers: each step has to follow both
-_BEFORE = {"series_resistance", "leakage"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 RIVALS = 12.0
 #: nats behind its base at which a further effect is not looked around for any more
@@ -63,7 +63,7 @@ def too_dear(effects: Sequence[str]) -> bool:
     A tenth of a second, and some thousand times of it.
     """
     dear = len(DEAR.intersection(effects))
-    return dear > 1 or (dear == 1 and bool(_BEFORE.intersection(effects)))
+    return dear > 1 or (dear == 1 and bool(CHARGES.intersection(effects)))
 
 
 def typical(base: Fit) -> Array:

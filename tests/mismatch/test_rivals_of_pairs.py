@@ -180,3 +180,13 @@ def test_beside_what_explains_next_to_nothing_no_pair_is_looked_for(monkeypatch)
     further.beside_the_next(
         none, first, [], [first, zone, damper], None, NAMES, None, {}, None, rng, lambda fit: False)
     assert asked == [zone.effects]
+
+
+def test_nothing_that_charges_the_dielectric_is_a_third_beside_a_mass():
+    """Nor a mass beside that; beside the mass alone, where a pair of the two is found, it is looked for."""
+    names = ["series_resistance", "leakage", "thickness_feedback", "inertia", "parallel_damper", "sensor_lag"]
+    beside = further.names_beside
+    assert beside(Stub(("inertia",), 0.0), names) == [n for n in names if n not in ("inertia", "parallel_damper")]
+    assert beside(Stub(("one_quadrant_supply", "inertia"), 0.0), names) == ["thickness_feedback", "sensor_lag"]
+    assert beside(Stub(("leakage", "sensor_lag"), 0.0), names) == [
+        "series_resistance", "thickness_feedback", "parallel_damper"]
