@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,8 @@ Report = Callable[[str, float, float, str], None]
 _ROUNDS = 3
 #: nats by which another hold convention must be ahead to be taken before effects are weighed
 _BY_FAR = 100.0
+#: nats behind the best explanation within which others are known of when the search begins anew
+_RIVAL = 30.0
 #: recordings that would show less than this share of the effects, however strong, tell nothing
 _SILENT = 0.25
 
@@ -194,7 +196,7 @@ def _once(
     lap("reduce")
     resolution = _resolution(campaign)
 
-    def named(seen: Seen) -> Naming:
+    def named(seen: Seen, begun: Sequence[Fit] = ()) -> Naming:
         memory: dict[str, Screened] = {}
         for last in range(_ROUNDS, -1, -1):
             base = seen.base
@@ -212,6 +214,7 @@ def _once(
                 established=("sensor_clipping",) if limit is not None else (),
                 memory=memory,
                 unseen=[p for p in seen.pieces if not p.identify],
+                begun=begun,
             )
             if found is not None:
                 break
@@ -229,8 +232,9 @@ def _once(
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
+        begun = _begun(naming, seen.pieces, prior) if reread.gains else []
         seen.take(reread)
-        naming = named(seen)
+        naming = named(seen, begun)
     if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior):
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
@@ -401,6 +405,16 @@ def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) 
         if loose is not None and worth_a_search(fit, loose, prior):
             return True
     return False
+
+
+def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
+    """The best explanation and its rivals with a gain of each recording, for a search with these to know of."""
+    if not naming.best.weighed.effects or not naming.best.adequate:
+        return []
+    least = naming.log_weight[naming.best.weighed.name] - _RIVAL
+    near = [w for w in naming.weighed.values() if w.refitted and naming.log_weight.get(w.name, -math.inf) > least]
+    fits = [own_gains(w.fit, pieces, prior) for w in near if w.effects]
+    return [fit for fit in fits if fit is not None]
 
 
 def named_fit(naming: Naming, name: str) -> Fit:

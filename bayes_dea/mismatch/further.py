@@ -10,7 +10,7 @@ import numpy as np
 
 from ..models.effects import registered_effects
 from ..models.model import Model
-from .descent import bounds
+from .descent import bounds, value_at
 from .frame import Frame, own_index
 from .grid import Screened, screen
 from .hypotheses import extended, law_of
@@ -18,7 +18,7 @@ from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 from .relabel import FURTHER, in_place_of_one, with_stand_in_idle, within, without_stand_in
-from .search import CHARGES, DEAR, FOUND, LEAST_GAIN, RIVALS, SHARE, SMALL, Report, of_laws, refined, stripped
+from .search import CHARGES, DEAR, FOUND, LEAST_GAIN, MASS, RIVALS, Report, asked_of, of_laws, refined, stripped
 from .size import effect_size
 from .slow_start import driven_start
 from .weigh import Weighed, excess, refine
@@ -45,7 +45,6 @@ _FAR, _FARTHER, _NOWHERE_NEAR = 0.1, 1.25, 0.5
 #: nats behind what was found at which something else in its place is given up
 _FAR_BEHIND = 50.0
 #: the damping of a mass and a damper in parallel are one and the same number
-MASS = "inertia"
 SAME = {MASS, "parallel_damper"}
 #: effects that are another one at an end of their parameters: a leak acts through the resistance before it
 CONTAINS = {"leakage": "series_resistance"}
@@ -101,7 +100,7 @@ def beside(
     left, promised = excess(best.fit, prior), LEAST_GAIN if len(best.effects) < 2 else _THIRD
     found = on_grids([Frame(best.fit)])
     most = max((s.promise for s in found), default=0.0)
-    if most < max(least, promised, SHARE * (left - SMALL)):
+    if most < max(least, promised) or all(s.promise < asked_of(s, best.effects, left) for s in found):
         # a press may have driven all that is fitted to where no second effect promises anything
         driven = driven_start(best.fit, prior, [])
         if driven is not None:
@@ -168,12 +167,13 @@ def beside_the_second(
     wide = {n for n, narrow in CONTAINS.items() if narrow in pair.effects and narrow not in alone.effects}
     likely = [s for s in likely if not wide.intersection(s.effects)]
     likely = [s for s in found if s.effects == pair.effects and _elsewhere(s, pair, alone)] + likely[:_IN_PLACE]
-    out = []
+    out, reached = [], pair.value
     for k, s in enumerate(likely):
         say("weighing pairs", k, len(likely), "+".join(s.effects))
         # what does not come near what was found changes nothing; of many peaks the grid's best may be the wrong one
-        w = refine(alone.fit, s, prior, 2 if s.effects == pair.effects else 1, pair.value, _FAR_BEHIND)
+        w = refine(alone.fit, s, prior, 2 if s.effects == pair.effects else 1, reached, _FAR_BEHIND)
         if w is not None:
+            reached = min(reached, value_at(w.fit.problem, w.fit.q, prior.start()))
             out.append(replace(of_laws(w, found), size_m=effect_size(base, w.fit)))
     return out
 
@@ -345,9 +345,26 @@ def beside_the_next(
         if adequate(_top([*pairs, *out], first).fit):
             break
         tried = {w.effects for w in [*pairs, *out]}
-        rest = [n for n in names if together(other.effects, n) not in tried]
+        # beside the leading one this was looked for already
+        rest = [n for n in names if n not in first.effects and together(other.effects, n) not in tried]
         reached = min((w.value for w in [*pairs, *out]), default=math.inf)
         out += beside(other, model, rest, prior, overrides, say, rng, adequate, reached=reached)
+    return out
+
+
+def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Weighed]:
+    """Explanations from another reading of the recordings on those of `base`, refitted from where they stand."""
+    out = []
+    for k in explanations:
+        model = k.problem.model
+        problem = base.problem.with_model(model)
+        low, high = bounds(problem)
+        if k.q.size != low.size:  # other parameters than these recordings have
+            continue
+        fit = refit(problem, np.clip(k.q, low + 1e-9, high - 1e-9), prior.start(), prior, coarse=True)
+        if fit is not None:
+            effects = tuple(n for n in model.spec.effects if n not in base.problem.model.spec.effects)
+            out.append(Weighed(effects, fit, fit.log_evidence, 0.1, effect_size(base, fit)))
     return out
 
 
@@ -422,8 +439,12 @@ def second_thoughts(
         narrow_ones = [w]
     out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say, w.value)]
     if len(w.effects) == 2 and len(out) > 1:
-        second = min(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
+        second, first = sorted(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
         out += beside_the_second(w, second, base, model, names, prior, overrides, say)
+        leaves_most = excess(first.fit, prior) > _NEXT * excess(base, prior)
+        if leaves_most and explains is not None and not explains(_top(out[2:], w).fit):
+            # what led alone may be neither of the two
+            out += beside_the_second(w, first, base, model, names, prior, overrides, say)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
         return out

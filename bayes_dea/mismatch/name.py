@@ -21,6 +21,7 @@ from .features import Features
 from .frame import Frame
 from .further import (
     HIDDEN,
+    again,
     beside,
     beside_the_leader,
     beside_the_next,
@@ -113,11 +114,14 @@ def name_physics(
     established: Sequence[str] = (),
     memory: dict[str, Screened] | None = None,
     unseen: Sequence[Piece] = (),
+    begun: Sequence[Fit] = (),
 ) -> Naming | None:
     """Weigh all hypotheses on the recordings to identify.
 
     unseen: recordings to validate, of which the commands alone are used: an effect is as large as on the recording of
     the campaign that it moves most (CONTRACT 1).
+
+    begun: explanations from another reading of the recordings, as what a search may miss that has to begin anew.
 
     spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
     to be made clean first, and None is returned.
@@ -150,6 +154,7 @@ def name_physics(
     odds = prior_odds()
     elsewhere = [p for p in unseen if p.channel == "displacement"]
     known = Known(none.weighed, resolution_m, odds, max(len(names), 1), elsewhere, singles)
+    known.take_from_elsewhere(again(begun, base, prior))
     considered: list[Weighed] = []
 
     def left(done: float, of: float, text: str) -> None:

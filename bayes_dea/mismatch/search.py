@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -31,7 +31,8 @@ Report = Callable[[str, float, float, str], None]
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
 #: effects that are dear to simulate beside others: what they do bends, or depends on what was before
-DEAR = {"inertia", "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
+MASS = "inertia"
+DEAR = {MASS, "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
 #: what charges the dielectric slowly: before a mass or what remembers, each step has to follow both
 CHARGES = {"series_resistance", "leakage"}
 #: what takes several times as long as others to simulate, most parameters included
@@ -52,6 +53,8 @@ FOUND, _FOLLOWING = 5.0, 3
 _MOVED = 1.0
 #: share of the misfit that is left, but for so many nats, which a grid has to promise for a further effect to be fitted
 SHARE, SMALL = 0.1, 200.0
+#: the same for a mass beside others, whose peak is far narrower than the steps of a grid
+_RINGS = 0.03
 #: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
 #: effect to be looked for: of two that are there the wrong second one takes half and less
 _FINELY, REMAINS = 0.5, 0.7
@@ -136,14 +139,12 @@ def refined(
     """
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
-    # an effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several
-    least = max(least, SHARE * (left - SMALL))
     reached, taken, elsewhere_reached = 0.0, 0.0, best
     half, there = 0.5 * sum(p.blocks.n for p in base.problem.pieces), set(base.problem.model.spec.effects)
     for k, s in enumerate(_in_order(base, screened)):
         name = "+".join(s.effects)
         say("refitting", k, len(screened), name)
-        promising = s.gain > least and (k < _REFITTED or s.gain > taken - _NEAR)
+        promising = s.gain > max(least, asked_of(s, there, left)) and (k < _REFITTED or s.gain > taken - _NEAR)
         # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
         further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
         # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
@@ -218,6 +219,14 @@ def refined(
         if better is not None:
             out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
     return out
+
+
+def asked_of(s: Screened, there: Collection[str], left: float) -> float:
+    """Nats that a grid has to promise of `left` for an effect to be fitted beside those that are `there`.
+
+    An effect that is in the recordings promises a third of what is left and more; a tenth, where it is one of several.
+    """
+    return (_RINGS if MASS in s.effects and MASS not in there else SHARE) * (left - SMALL)
 
 
 def _dear(name: str) -> bool:

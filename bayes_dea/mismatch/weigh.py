@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erfcx
 
 from ..models.model import Model
-from .descent import bounds, descend
+from .descent import bounds, descend, prior_derivatives
 from .frame import Frame, insert, own_index
 from .grid import Scored, Screened, rings
 from .noise_prior import NoisePrior
@@ -235,7 +236,24 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     grid = min(screened.log_evidence, most)
     if widest < 0.5:  # a peak between the points is what Laplace sees and the grid does not
         return max(min(best.log_evidence, most), grid), 0.5
-    return grid, 0.5
+    # a peak far narrower than the steps of the grid, at an end of one parameter, is known by itself alone
+    peak = min(best.log_evidence + _cut_off(best, index), most)
+    return (peak if peak > grid + HOPELESS else grid), 0.5
+
+
+def _cut_off(fit: Fit, index: NDArray[np.int64]) -> float:
+    """What Laplace's log evidence has too much at the ends of some coordinates: of a normal density the tail is left.
+
+    With slope g and curvature h at the end, that is 1/2 erfcx(g / sqrt(2 h)) of what the whole would be.
+    """
+    names = fit.problem.names
+    at = [int(i) for i in index if names[i] in fit.at_bound]
+    if not at:
+        return 0.0
+    gram, _ = fit.problem.sums(fit.q, fit.noise, fit.clean, fit.slopes)
+    slope = prior_derivatives(fit.problem, fit.q)[1] - gram[0, 1:]
+    along = np.abs(slope[at]) / np.sqrt(2.0 * np.maximum(np.diag(fit.hessian)[at], 1e-300))
+    return float(np.sum(np.log(0.5 * erfcx(along))))
 
 
 def widths_of(fit: Fit, index: NDArray[np.int64]) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.further import from_the_leader
+from bayes_dea.mismatch.further import again, from_the_leader
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
 
@@ -31,5 +31,9 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     (back,) = from_the_leader(leader, [astray, leader], prior, quiet)
     assert back.effects == rival.effects
     assert abs(back.log_evidence - rival.log_evidence) < 1.0
+    # as does one of another reading of these recordings, where they are read anew
+    (known,) = again([stuck], result.base, prior)
+    assert known.effects == rival.effects
+    assert known.log_evidence > stuck.log_evidence + 0.9 * abs(behind)
     # a rival that stands well is not moved, or by next to nothing
     assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], prior, quiet))

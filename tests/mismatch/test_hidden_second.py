@@ -85,3 +85,15 @@ def test_a_second_effect_is_found_where_a_press_drove_the_base_off():
     result = diagnose(campaign_of(case), case.model, seed=1)
     assert result.verdict == "extra_relaxation_mode+sensor_clipping"
     assert result.naming.best.adequate
+
+
+@pytest.mark.long
+def test_two_of_which_neither_leads_alone_are_found_again_when_gains_are_set_free():
+    """A mass of 380 Hz behind a resistance, which a limit of the supply explains a quarter of."""
+    case = draw_case(101028, "pair")
+    assert set(case.effects) == {"series_resistance", "inertia"}
+    result = diagnose(campaign_of(case), case.model, seed=1)
+    weighed = result.naming.weighed
+    assert weighed["supply_current_limit"].log_evidence > weighed["series_resistance"].log_evidence + 1000.0  # premise
+    assert result.verdict == "series_resistance+inertia"
+    assert result.naming.best.adequate

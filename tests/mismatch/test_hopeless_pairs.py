@@ -60,3 +60,14 @@ def test_beside_others_what_is_dear_to_simulate_is_fitted_last_of_what_is_fitted
         "sensor_lag", "leakage", "sensor_drift", "acquisition_delay", "inertia", "mullins_softening",
         "rate_independent_hysteresis", "charge_retention",
     ]
+
+
+def test_a_mass_has_to_promise_less_as_its_peak_is_narrower_than_the_steps_of_a_grid():
+    def of(*effects):
+        return SimpleNamespace(effects=effects)
+
+    left = 10_000.0 + search.SMALL
+    assert search.asked_of(of("supply_current_limit", "sensor_lag"), ("supply_current_limit",), left) == 1000.0
+    assert search.asked_of(of("supply_current_limit", "inertia"), ("supply_current_limit",), left) < 500.0
+    # what is looked for beside a mass has no such peak
+    assert search.asked_of(of("sensor_lag", "inertia"), ("inertia",), left) == 1000.0
