@@ -43,7 +43,7 @@ from .reread import Rereading, held_out_gains, odd_one_out, other_holds
 from .ridge import posterior
 from .seen import Seen
 from .size import STEP_M
-from .summary import say_clipped, say_gains, say_odd, say_swinging, say_uneven, summarise
+from .summary import Draws, say_clipped, say_gains, say_odd, say_swinging, say_uneven, summarise
 from .swinging import swinging
 from .telling import Tell, silence
 from .timing import sample_step_s, timing_note
@@ -88,6 +88,8 @@ class Diagnosis:
     contradiction: float | None = None
     #: what is to be said of the recordings themselves
     notes: tuple[str, ...] = ()
+    #: the same with its parameters sampled, where that was put off
+    sampled: Callable[[], Diagnosis] | None = field(default=None, repr=False, compare=False)
 
     @property
     def verdict(self) -> str:
@@ -127,9 +129,9 @@ def diagnose(
                 say("looking again", 0, 1, "the recordings to validate contradict the verdict")
                 everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
                 second = _once(everything, model, seed, s, say, priors, journal, in_turn)
+            result = first if second is None else _decided(first, second, campaign)
     finally:
         journal.close()
-    result = first if second is None else _decided(first, second, campaign)
     result.summary["seconds"] = time.perf_counter() - began
     return result
 
@@ -146,7 +148,8 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
     else:
         said = "" if best.small is None else small_note(best.small, best.weighed)
         # a recording of another actuator among those to validate, say
-        result, note = first, "; ".join(second.notes) or second_look.kept_note(p_value, said)
+        result = first.sampled() if first.sampled is not None else first
+        note = "; ".join(second.notes) or second_look.kept_note(p_value, said)
     result.summary["warnings"].insert(0, note)
     for phase, seconds in (first if result is second else second).summary["seconds_by"].items():
         result.summary["seconds_by"][phase] = result.summary["seconds_by"].get(phase, 0.0) + seconds
@@ -167,8 +170,13 @@ def _once(
     began = time.perf_counter()
     laps: dict[str, float] = {}
 
+    mark = began
+
     def lap(name: str) -> None:
-        laps[name] = time.perf_counter() - began - sum(laps.values())
+        nonlocal mark
+        now = time.perf_counter()
+        laps[name] = laps.get(name, 0.0) + now - mark
+        mark = now
 
     r_map, r_name, r_look, r_draw = np.random.default_rng(seed).spawn(4)
     say("reading noise", 0, 1, campaign.name)
@@ -278,8 +286,6 @@ def _once(
         say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look, resolution)
     lap("prove")
-    drawn = _drawn(naming, physics[verdict], base, r_draw, lambda *at: say("drawing its parameters", *at))
-    lap("draw")
     say("asking", 0, 1, "the next experiment")
     members = indistinguishable(verdict, raw)
     ask = _ask(naming, [physics[m] for m in members], base, lambda *at: say("asking", *at))
@@ -302,27 +308,42 @@ def _once(
         held = held if limit is None else beyond_reach(held, limit, corrected)
         notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
-    summary = summarise(
-        assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign, model,
-        drawn, seen.shown,
-    )  # fmt: skip
-    if how != "validate" and not in_turn:
-        summary["warnings"].append(without_validation(proof))
-    summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
-    if seen.odd is not None:
-        say_odd(summary["mismatch"], seen.odd, campaign)
-    if uneven is not None:
-        say_uneven(summary["mismatch"], uneven, campaign)
-    if swings is not None:
-        say_swinging(summary["mismatch"], swings, campaign)
-    if gains is not None:
-        say_gains(summary["mismatch"], gains, campaign)
-    if clip < math.inf and limit is not None:
-        say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
-    lap("write")
-    summary["seconds"] = time.perf_counter() - began
-    summary["seconds_by"] = laps
-    return Diagnosis(assembled, base, corrected, naming, proof, looks, summary, against, tuple(seen.notes))
+
+    def told(drawn: Draws | None) -> Diagnosis:
+        """All of it in words and numbers; without draws the posterior is Laplace's."""
+        summary = summarise(
+            assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign,
+            model, drawn, seen.shown,
+        )  # fmt: skip
+        if how != "validate" and not in_turn:
+            summary["warnings"].append(without_validation(proof))
+        summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
+        if seen.odd is not None:
+            say_odd(summary["mismatch"], seen.odd, campaign)
+        if uneven is not None:
+            say_uneven(summary["mismatch"], uneven, campaign)
+        if swings is not None:
+            say_swinging(summary["mismatch"], swings, campaign)
+        if gains is not None:
+            say_gains(summary["mismatch"], gains, campaign)
+        if clip < math.inf and limit is not None:
+            say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
+        lap("write")
+        summary["seconds"] = sum(laps.values())
+        summary["seconds_by"] = laps
+        return Diagnosis(assembled, base, corrected, naming, proof, looks, summary, against, tuple(seen.notes))
+
+    def sampled() -> Diagnosis:
+        nonlocal mark
+        mark = time.perf_counter()  # it may have been put off
+        found = _drawn(naming, physics[verdict], base, r_draw, lambda *at: say("drawing its parameters", *at))
+        lap("draw")
+        return told(found)
+
+    if against is not None and not in_turn:
+        # what all recordings together overrule need not be sampled
+        return replace(told(None), sampled=sampled)
+    return sampled()
 
 
 def _resolution(campaign: Campaign) -> float:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import second_look
+from bayes_dea.mismatch import diagnosis, second_look
 from bayes_dea.mismatch.diagnosis import _decided, diagnose
 
 LIMIT = {"supply_saturation": {"V_max_V": 1110.0}}
@@ -19,8 +19,10 @@ def with_roles(campaign, validate):
         replace(r, role=role) for r, role in zip(campaign.recordings, roles, strict=True)))
 
 
-def test_what_only_recordings_to_validate_show_is_named_and_said():
+def test_what_only_recordings_to_validate_show_is_named_and_said(monkeypatch):
     """An amplifier that ends at 1,110 V, with the one recording above that kept for validation."""
+    sampled = []
+    monkeypatch.setattr(diagnosis, "_drawn", lambda naming, name, *_: sampled.append(name))
     high = {"creep_1200V.csv", "triangle_1Hz.csv"}
     s = diagnose(with_roles(concealed(LIMIT), high), "hooke+gm3").summary
     assert s["verdict"] == "supply_saturation"
@@ -31,6 +33,9 @@ def test_what_only_recordings_to_validate_show_is_named_and_said():
     assert s["proof"]["rmse_after_m"] < min(1.05 * s["proof"]["noise_m"], s["proof"]["rmse_before_m"])
     assert s["proof"]["elpd_gain"] > 100.0
     assert not any("no recording has role" in w for w in s["warnings"])
+    assert sampled == ["supply_saturation"]  # not what was overruled
+    assert set(s["seconds_by"]) >= {"name", "draw", "ask"}
+    assert sum(s["seconds_by"].values()) == pytest.approx(s["seconds"], rel=0.1)
 
 
 @pytest.mark.long
@@ -78,7 +83,7 @@ def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it(
         summary = {"verdict": "amplitude_softening", "adequate": True, "corrected_priors": {}, "warnings": [],
                    "seconds_by": {}}  # fmt: skip
         naming = SimpleNamespace(best=SimpleNamespace(weighed=claimed, small=small))
-        return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against)
+        return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against, sampled=None)
 
     first = look(3e-11, None)
     assert _decided(first, look(None, drift), None) is first
@@ -87,6 +92,10 @@ def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it(
     assert note.endswith("it looks like sensor_drift of 0.11 um")
     first = look(3e-11, None)
     assert _decided(first, look(None, None), None).summary["warnings"][0].endswith("do not say what")
+    # its parameters were not sampled before that was known
+    kept = look(3e-11, None)
+    first.sampled = lambda: kept
+    assert _decided(first, look(None, None), None) is kept
 
 
 @pytest.mark.long
