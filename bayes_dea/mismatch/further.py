@@ -352,6 +352,23 @@ def beside_the_next(
     return out
 
 
+def merged(
+    found: Sequence[Weighed], base: Fit, model: Model, prior: NoisePrior, overrides: Mapping[str, object]
+) -> list[Weighed]:
+    """Explanations that name an effect and another that contains it, without the former, from where they stand.
+
+    They are one and the same model: beside a resistance a leak was found that a search for the leak alone has missed.
+    """
+    out = []
+    for w in found:
+        twice = [narrow for wide, narrow in CONTAINS.items() if {wide, narrow} <= set(w.effects)]
+        m = extended(model, [n for n in w.effects if n not in twice], {**overrides, **law_of(w)}) if twice else None
+        without = within(w, base, m, prior) if m is not None and w.refitted else None
+        if without is not None:
+            out.append(without)
+    return out
+
+
 def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Weighed]:
     """Explanations from another reading of the recordings on those of `base`, refitted from where they stand."""
     out = []

@@ -28,6 +28,7 @@ from .further import (
     freed,
     from_the_leader,
     in_place_of_the_first,
+    merged,
     second_thoughts,
 )
 from .grid import Screened
@@ -207,6 +208,7 @@ def name_physics(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
             )
         known.take(more)
+        known.take_from_elsewhere(merged(more, base, model, prior, given))
         more = [w for w in more if known.enough(w)]
         if len(best.weighed.effects) == 1 and (more or not enough_alone):
             first = start if free is None else best.weighed

@@ -3,13 +3,15 @@
 from dataclasses import dataclass
 
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.mismatch import further
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.relabel import within
+from bayes_dea.mismatch.weigh import Weighed
 
 LEAK = {"R_leak_ohm": 5e8, "R_s_ohm": 6e4, "E_0_V_per_m": 1.2e6}
 
@@ -35,6 +37,22 @@ def test_a_leak_is_found_where_a_resistance_did_its_work():
     # where it is no candidate, or is there already, nothing is looked for
     assert further.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
     assert further.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []
+
+
+def test_a_leak_found_beside_a_resistance_is_a_leak():
+    """Both together are the same model; here without any search, from the truth."""
+    problem, prior, q = problem_of(concealed({"leakage": LEAK}))
+    base = refit(problem, q, prior.start(), prior)
+    model = problem.model
+    both = extended(model, ["series_resistance", "leakage"], {})
+    start = Weighed((), base, base.log_evidence, 0.1, 0.0)
+    pair = within(start, base, both, prior)
+    assert set(pair.effects) == {"series_resistance", "leakage"}
+    (leak,) = further.merged([pair, start], base, model, prior, {})
+    assert leak.effects == ("leakage",)
+    assert leak.fit.objective == pytest.approx(pair.fit.objective, abs=1.0)
+    assert leak.log_evidence > base.log_evidence + 100.0
+    assert further.merged([leak], base, model, prior, {}) == []
 
 
 def test_what_would_be_put_back_into_what_is_known_is_not_looked_for():
