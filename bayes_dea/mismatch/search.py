@@ -30,8 +30,8 @@ Report = Callable[[str, float, float, str], None]
 
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
-#: effects that are dear to simulate beside others: what they do bends, or depends on what was before
 MASS = "inertia"
+#: effects that are dear to simulate beside others: what they do bends, or depends on what was before
 DEAR = {MASS, "amplitude_softening", "mullins_softening", "rate_independent_hysteresis"}
 #: what charges the dielectric slowly: before a mass or what remembers, each step has to follow both
 CHARGES = {"series_resistance", "leakage"}
