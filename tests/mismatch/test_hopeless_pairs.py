@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import further, search
+from bayes_dea.mismatch import search
 from bayes_dea.mismatch import name as naming
 from bayes_dea.mismatch.diagnosis import diagnose
 
@@ -38,8 +38,7 @@ def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted):
 @pytest.mark.long
 def test_no_third_effect_is_looked_for_where_the_second_leaves_most(fitted, monkeypatch):
     """Branches that relax more slowly when they are unloaded: the best pair leaves more than half, were all fitted."""
-    for module in (search, further):
-        monkeypatch.setattr(module, "SHARE", 0.0)
+    monkeypatch.setattr(search, "SHARE", 0.0)
     monkeypatch.setattr(naming, "_STEP", 0.0)
     result = diagnose(concealed({"asymmetric_viscosity": {"unload_ratio": 10.0}}), "hooke+gm3", seed=1)
     assert result.verdict == "unknown"
