@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import search
 from bayes_dea.mismatch import name as naming
+from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
 
 CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.0075}
