@@ -60,8 +60,6 @@ _ROUNDS = 3
 _BY_FAR = 100.0
 #: nats behind the best explanation within which others are known of when the search begins anew
 _RIVAL = 30.0
-#: recordings that would show less than this share of the effects, however strong, tell nothing
-_SILENT = 0.25
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,6 @@ def _once(
     """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate."""
     began = time.perf_counter()
     laps: dict[str, float] = {}
-
     mark = began
 
     def lap(name: str) -> None:
@@ -340,7 +337,7 @@ def _once(
         lap("draw")
         return told(found)
 
-    if against is not None and not in_turn:
+    if against is not None:
         # what all recordings together overrule need not be sampled
         return replace(told(None), sampled=sampled)
     return sampled()

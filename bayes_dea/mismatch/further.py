@@ -372,16 +372,15 @@ def merged(
 def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Weighed]:
     """Explanations from another reading of the recordings on those of `base`, refitted from where they stand."""
     out = []
-    for k in explanations:
-        model = k.problem.model
+    for known in explanations:
+        model = known.problem.model
         problem = base.problem.with_model(model)
-        low, high = bounds(problem)
-        if k.q.size != low.size:  # other parameters than these recordings have
+        if known.q.size != problem.dimension:  # other parameters than these recordings have
             continue
-        fit = refit(problem, np.clip(k.q, low + 1e-9, high - 1e-9), prior.start(), prior, coarse=True)
-        if fit is not None:
-            effects = tuple(n for n in model.spec.effects if n not in base.problem.model.spec.effects)
-            out.append(Weighed(effects, fit, fit.log_evidence, 0.1, effect_size(base, fit)))
+        start = Weighed((), replace(known, problem=problem), known.log_evidence, 0.1, 0.0)
+        found = within(start, base, model, prior)
+        if found is not None:
+            out.append(found)
     return out
 
 

@@ -220,6 +220,7 @@ def name_physics(
                     none.weighed, first, more + swapped, known.counting, model, names, prior, given, say, rng, adequate
                 )
             known.take(swapped)
+            known.take_from_elsewhere(merged(swapped, base, model, prior, given))
             more += [w for w in swapped if known.enough(w)]
         if not more:
             break

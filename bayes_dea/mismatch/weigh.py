@@ -1,7 +1,8 @@
 """Hypotheses refitted from the best points of their grids (`grid`), out of local maxima, and their evidence.
 
 The evidence is Laplace's; where the posterior of the effect's own parameters is as wide as the grid (a weak effect, a
-bound) the average over the grid takes its place, because Laplace is wrong at a boundary.
+bound) the average over the grid takes its place, because Laplace is wrong at a boundary; but for a peak that the grid
+has missed by far, of which Laplace's tail at that boundary is all that is known.
 """
 
 from __future__ import annotations
