@@ -18,13 +18,17 @@ Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
 #: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
 _FAR_OFF = 500.0
-#: a first damping, by what it grows where a step fails and shrinks where one does not, and how often it may grow
-_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 12
+#: a first damping, by what it grows where a step fails (the n-th time in a row n times that) and shrinks where one does
+#: not, and how often it may grow
+_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 9
 #: sensitivities are carried on from step to step as long as a step brings what they promised, within these factors,
 #: and for so many steps
 _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
 #: share of what was promised that a step has to bring for sensitivities of another fit to do
 _LIKE = 0.5
+#: share of what the whole step promised that a shortened one brings where sensitivities tell next to nothing of the way
+#: (corners of friction closer than the step), nats of misfit from which on a coarse descent ends after so many of these
+_NEXT_TO_NOTHING, _BUMPY, _STUCK = 0.1, 100.0, 3
 
 
 @dataclass(frozen=True)
@@ -198,7 +202,7 @@ def descended(
     prior = prior_derivatives(problem, q)
     if not np.isfinite(gram).all() or not np.isfinite(prior[0]):
         return None
-    damping, taken = 0.01 * _DAMPING, 0
+    damping, taken, stuck = 0.01 * _DAMPING, 0, 0
     noise_alone = 0.5 * sum(p.blocks.n for p in problem.pieces)
     finest = tolerance
     while taken < max_steps:
@@ -209,10 +213,11 @@ def descended(
         H = gram[1:, 1:] + prior[2]
         metric = _metric(H, prior[2], problem.decoupled)
         new: tuple[Array, float, list[Array]] | None = None
-        ends = False
-        for _attempt in range(_ATTEMPTS):
+        ends, whole = False, 0.0
+        for attempt in range(1, _ATTEMPTS + 1):
             step = bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
+            whole = max(whole, promised)
             hopeless = bool(value - 10.0 * promised > hopeless_above)
             ends = hopeless or (promised < tolerance and aged == 0)
             if hopeless or promised < tolerance:
@@ -224,7 +229,7 @@ def descended(
                 break
             if aged or kept is not None:
                 break
-            damping = max(_MORE * damping, _DAMPING)
+            damping = max(attempt * _MORE * damping, _DAMPING)
         if new is None:
             if ends or (aged == 0 and kept is None):
                 break
@@ -236,7 +241,8 @@ def descended(
             gram, logdet, slopes, kept, aged = sums, logs, at, anew, 0
             continue
         gained = value - new[1]
-        last = gained < 3 * tolerance
+        stuck += aged == 0 and kept is None and gained < _NEXT_TO_NOTHING * whole
+        last = gained < 3 * tolerance or (coarse and stuck >= _STUCK and value - noise_alone > _BUMPY)
         if kept is not None and gained < _LIKE * promised:
             kept = None
             aged = _CARRIED

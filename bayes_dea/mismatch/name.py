@@ -258,7 +258,7 @@ def name_physics(
         beside_it = discrepancy(best.weighed.fit, columns, prior, starts, left, straight=best is not none)
         best = replace(best, discrepancy=beside_it)
         none = best if best.weighed is none.weighed else none
-    if best is not none:
+    if best is not none and best.adequate:
         known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, prior, say))
     evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds, prior)
     total = float(logsumexp(list(log_p.values())))

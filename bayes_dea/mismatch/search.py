@@ -200,11 +200,21 @@ def refined(
             if _hopeful(w, base) > _hopeful(out[w.name], base):
                 out[w.name], of[w.name] = w, s
     top = max((_hopeful(w, base) for w in out.values()), default=0.0)
-    for name, w in out.items():
-        if _adds(w, base) and _hopeful(w, base) >= top - RIVALS:
-            out[name] = _gone_on(w, base, of[name], prior)
+    near = [name for name, w in out.items() if _adds(w, base) and _hopeful(w, base) >= top - RIVALS]
+    # behind a leader that another effect is looked for beside, what is dear need not be known to the last nat
+    near = sorted(near, key=lambda n: -_hopeful(out[n], base))
+    judged: list[tuple[Fit, bool]] = []
+
+    def enough(fit: Fit) -> bool:
+        if not any(f is fit for f, _ in judged):
+            judged.append((fit, adequate is None or fit is base or adequate(fit)))
+        return next(yes for f, yes in judged if f is fit)
+
+    for name in near:
+        if name == near[0] or not DEAR.intersection(of[name].effects) - there or enough(out[near[0]].fit):
+            out[name] = _gone_on(out[name], base, of[name], prior)
     leading = max(out.values(), key=lambda w: _hopeful(w, base), default=None)
-    if leading is None or (adequate is not None and leading.fit is not base and not adequate(leading.fit)):
+    if leading is None or not enough(leading.fit):
         return out
     top = _hopeful(leading, base)
     for name, w in out.items():  # rivals that are near are weighed along their ridges

@@ -169,7 +169,7 @@ def escaped(fit: Fit, base: Fit, prior: NoisePrior) -> Fit:
                 best = (value - own_prior, q + move)
         if best is None:
             break
-        again = refit(fit.problem, best[1], fit.noise, prior, coarse=True)
+        again = refit(fit.problem, best[1], prior.start(), prior, coarse=True)
         if again is None or again.objective > fit.objective - 0.5:
             break
         fit = again
