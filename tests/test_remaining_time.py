@@ -131,7 +131,7 @@ def test_bridge_sampling_counts_its_densities():
 
 def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     """Those that a short run does not reach, or passes at once; nothing is fitted here."""
-    from bayes_dea.mismatch import ask, diagnosis, reread
+    from bayes_dea.mismatch import ask, prove, reread
 
     said = []
 
@@ -143,10 +143,10 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     def tell(*at):
         said.append(at)
 
-    for module in (reread, diagnosis):
+    for module in (reread, prove):
         monkeypatch.setattr(module, "refit", lambda *_, **__: None)
     monkeypatch.setattr(reread, "_expected_chi2", lambda *_: float("inf"))
-    monkeypatch.setattr(diagnosis, "held_out", lambda *_: [])
+    monkeypatch.setattr(prove, "held_out", lambda *_: [])
     monkeypatch.setattr(ask, "separation", lambda *_: 1.0)
 
     @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     pieces = tuple(SimpleNamespace(name=n, channel="displacement", nodes=None) for n in "abcd")
     fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None, clean=[None] * 4, slopes=[None] * 4)
     assert told(reread.odd_one_out(fit, None, None, tell)) == [0, 0.25, 0.5, 0.75]
-    assert told(diagnosis.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
+    assert told(prove.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
     actuator = Actuator(max_voltage_V=1000.0, max_frequency_Hz=10.0)
     n = len(ask.menu(actuator))
     assert told(ask.next_experiment([fit, fit], ["a", "b"], actuator, tell)) == [k / n for k in range(n)]

@@ -18,9 +18,10 @@ Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
 #: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
 _FAR_OFF = 500.0
-#: a first damping, by what it grows where a step fails (the n-th time in a row n times that) and shrinks where one does
-#: not, and how often it may grow
-_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 9
+#: a first damping, by what it grows where a step fails and shrinks where one does not, and how often it may grow
+_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 11
+#: below this damping hardly changes a step, and grows twice as fast
+_IDLE = 0.01
 #: sensitivities are carried on from step to step as long as a step brings what they promised, within these factors,
 #: and for so many steps
 _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
@@ -214,7 +215,7 @@ def descended(
         metric = _metric(H, prior[2], problem.decoupled)
         new: tuple[Array, float, list[Array]] | None = None
         ends, whole = False, 0.0
-        for attempt in range(1, _ATTEMPTS + 1):
+        for _attempt in range(_ATTEMPTS):
             step = bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             whole = max(whole, promised)
@@ -229,7 +230,7 @@ def descended(
                 break
             if aged or kept is not None:
                 break
-            damping = max(attempt * _MORE * damping, _DAMPING)
+            damping = max((_MORE if damping > _IDLE else _MORE * _MORE) * damping, _DAMPING)
         if new is None:
             if ends or (aged == 0 and kept is None):
                 break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,53 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from ..assemble import Assembled, assemble
+from ..assemble import Assembled
 from ..campaign.schema import Campaign
-from ..errors import InputError
 from ..find_map import MapSettings
-from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from . import second_look
 from .ask import first_experiment, next_experiment
-from .clipped import beyond_reach, cut_out, restored, sensor_limit
-from .descent import Linearisation
-from .features import Features, features
-from .first_fit import first_fit
+from .clipped import beyond_reach, restored
+from .features import Features
 from .frame import own_index
-from .grid import Screened
 from .hypotheses import NONE, UNKNOWN
 from .journal import Journal
-from .locate import is_adequate
-from .name import Explanation, Naming, name_physics, weigh_delay
-from .noise_prior import NoisePrior, noise_prior
-from .own_gains import MOVED, gains_of, own_gains, worth_a_search
-from .own_limits import CLIPPING, limit_of_readings
-from .problem import Problem
+from .judge import Judged, judged, named_fit
+from .laps import Laps
+from .name import Naming
+from .prepare import Prepared, prepared
 from .profile import profiled
-from .prove import HeldOut, held_out, unanswered, without_validation
-from .reduced import Piece, reduce_campaign
-from .refit import Fit, refit
-from .reread import Rereading, held_out_gains, odd_one_out, other_holds
+from .prove import HeldOut, proof, unanswered, without_validation
+from .reduced import Piece
+from .refit import Fit
+from .reread import held_out_gains
 from .ridge import posterior
+from .search import Report
 from .seen import Seen
-from .size import STEP_M
+from .sought import sought
 from .summary import Draws, say_clipped, say_gains, say_odd, say_swinging, say_uneven, summarise
-from .swinging import swinging
 from .telling import Tell, silence
-from .timing import sample_step_s, timing_note
-from .uneven import uneven_scatter
-from .unknown import repair
-from .verdict import facts_of, indistinguishable, silent, verdict_of
+from .verdict import silent
 from .words import sentence, small_note
 
 Array = NDArray[np.float64]
-Report = Callable[[str, float, float, str], None]
-#: how often a fit is made again because it showed false readings
-_ROUNDS = 3
-#: nats by which another hold convention must be ahead to be taken before effects are weighed
-_BY_FAR = 100.0
-#: nats behind the best explanation within which others are known of when the search begins anew
-_RIVAL = 30.0
 
 
 @dataclass(frozen=True)
@@ -86,6 +69,8 @@ class Diagnosis:
     contradiction: float | None = None
     #: what is to be said of the recordings themselves
     notes: tuple[str, ...] = ()
+    #: whether every recording has a gain of its own
+    loose: bool = False
     #: the same with its parameters sampled, where that was put off
     sampled: Callable[[], Diagnosis] | None = field(default=None, repr=False, compare=False)
 
@@ -126,7 +111,7 @@ def diagnose(
             if first.contradiction is not None:
                 say("looking again", 0, 1, "the recordings to validate contradict the verdict")
                 everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
-                second = _once(everything, model, seed, s, say, priors, journal, in_turn)
+                second = _once(everything, model, seed, s, say, priors, journal, in_turn, first.loose)
             result = first if second is None else _decided(first, second, campaign)
     finally:
         journal.close()
@@ -163,179 +148,62 @@ def _once(
     priors: Mapping[str, Any] | None,
     journal: Journal,
     in_turn: tuple[str, ...] = (),
+    loose: bool = False,
 ) -> Diagnosis:
-    """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate."""
-    began = time.perf_counter()
-    laps: dict[str, float] = {}
-    mark = began
-
-    def lap(name: str) -> None:
-        nonlocal mark
-        now = time.perf_counter()
-        laps[name] = laps.get(name, 0.0) + now - mark
-        mark = now
-
+    """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate;
+    loose: see `sought`."""
+    lap = Laps()
     r_map, r_name, r_look, r_draw = np.random.default_rng(seed).spawn(4)
-    say("reading noise", 0, 1, campaign.name)
-    limit = sensor_limit(campaign)
-    usable = campaign if limit is None else cut_out(campaign, limit)
-    assembled = assemble(usable, model, s.workers, lambda *at: say("reading noise", *at))
-    lap("assemble")
-    pieces = reduce_campaign(assembled)
-    prior = noise_prior(assembled)
-    problem = replace(Problem.of(assembled, model, [p for p in pieces if p.identify]), journal=journal)
-    say("fitting", 0, 1, model.name)
-    base = first_fit(assembled, problem, prior, r_map, s.map, lambda *at: say("fitting", *at))
-    lap("map")
-    if base is None:
-        raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
-    seen = Seen(base, pieces, prior)
-    say("refining the fit", 0, 1, "false readings")
-    if limit is not None:
-        seen.keep_below(limit)
-    for _ in range(_ROUNDS):
-        base = seen.base
-        if not seen.spoiled(base):
-            break
-        seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
-    lap("reduce")
-    resolution = _resolution(campaign)
-
-    def named(seen: Seen, begun: Sequence[Fit] = ()) -> Naming:
-        memory: dict[str, Screened] = {}
-        for last in range(_ROUNDS, -1, -1):
-            base = seen.base
-            found = name_physics(
-                base,
-                campaign,
-                prior,
-                [features(p) for p in base.problem.pieces],
-                r_name,
-                resolution_m=resolution,
-                overrides=priors,
-                report=say,
-                most_effects=s.most_effects,
-                spoiled=seen.spoiled if last else None,
-                established=("sensor_clipping",) if limit is not None else (),
-                memory=memory,
-                unseen=[p for p in seen.pieces if not p.identify],
-                begun=begun,
-            )
-            if found is not None:
-                break
-            seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
-        assert found is not None
-        return found
-
-    say("refining the fit", 1, 1, "")
-    retimed = _retimed(seen.base, campaign, priors, prior, r_name, lambda *at: say("rereading", *at))
-    if retimed is not None:
-        seen.take(retimed)
-    naming = named(seen)
-    reread = _reread(naming, seen.pieces, prior, r_name, lambda *at: say("rereading", *at))
-    if reread is not None:
-        how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
-        how = "the end of the sensor's range" if reread.limit else how
-        say("reading the campaign again", 0, 1, how)
-        begun = _begun(naming, seen.pieces, prior) if reread.gains else []
-        seen.take(reread)
-        naming = named(seen, begun)
-    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior):
-        say("reading the campaign again", 0, 1, "a gain of each recording")
-        other = seen.copy()
-        other.take(Rereading(seen.base, 0.0, gains=True))
-        again = named(other)
-        if again.best.adequate:
-            seen, naming = other, again
-    gains = gains_of(naming.best.weighed.fit) if seen.loose else None
-    base = naming.none.weighed.fit
-    looks = [features(p) for p in base.problem.pieces]
+    ready = prepared(campaign, model, s.map, s.workers, r_map, journal, say, lap)
+    seen, naming = sought(ready, priors, s.most_effects, r_name, say, loose)
     lap("name")
-    best = naming.best
-    facts = facts_of(best.weighed.fit, seen.pieces, limit, resolution)
-    step = sample_step_s(base)
-    # a limit of the sensor cuts off noise as well
-    uneven = uneven_scatter(seen.pieces, resolution) if limit is None else None
-    swings = swinging(best.weighed.fit, resolution)
-    strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
-    verdict, raw, physics, delays = verdict_of(naming, facts, step, strange)
-    corrected = base if physics[verdict] == NONE else named_fit(naming, physics[verdict])
-    mended = None
-    if verdict == UNKNOWN:
-        # where the best explanation leaves nothing, it is this that no physics explains
-        strangest = (swings or gains) if best.adequate else None
-        mended = repair(best, looks) if strangest is None else strangest.repair(best.weighed.name)
+    found = judged(ready, seen, naming)
+    ruling, base, corrected = found.ruling, found.base, found.corrected
     say("proving", 0, 1, "recordings kept for validation")
     seen.spoiled(corrected, identify=False)
-    clip = limit.value_m if limit is not None and "sensor_clipping" in verdict.split("+") else math.inf
-    scored = seen.pieces
-    if limit is not None:
-        whole = {p.name: p for p in restored([p for p in scored if not p.identify], campaign, limit)}
-        scored = tuple(whole.get(p.name, p) for p in scored)
-    proof, how = _proof(base, corrected, scored, prior, clip, in_turn, lambda *at: say("proving", *at))
+    clip, scored = _scored(ready, seen, ruling.verdict)
+    proved, how = proof(base, corrected, scored, ready.prior, clip, in_turn, lambda *at: say("proving", *at))
     against = None
-    explanation = naming.none if physics[verdict] == NONE else best
-    if verdict != UNKNOWN and explanation.adequate:
+    if ruling.verdict != UNKNOWN and found.explanation.adequate:
         # with a shift of less than a sample, of which nothing is claimed
         by_name = {p.name: p for p in seen.pieces}
         ours = tuple(by_name[p.name] for p in corrected.problem.pieces)
         explained = replace(corrected, problem=replace(corrected.problem, pieces=ours))
         say("proving", 2, 3, "all recordings together")
-        against = second_look.contradiction(explained, seen.pieces, prior, limit, r_look, resolution)
+        against = second_look.contradiction(
+            explained, seen.pieces, ready.prior, ready.limit, r_look, ready.resolution_m
+        )
     lap("prove")
     say("asking", 0, 1, "the next experiment")
-    members = indistinguishable(verdict, raw)
-    ask = _ask(naming, [physics[m] for m in members], base, lambda *at: say("asking", *at))
-    if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
-        ask = first_experiment(base, base.problem.pieces[0].recording.actuator, lambda *at: say("asking", *at))
+    ask = _ask(found, lambda *at: say("asking", *at))
     lap("ask")
-    notes = [*seen.notes, *unanswered(proof, corrected.problem.model.name)]
-    if uneven is not None:
-        notes.append(uneven.note())
-    if swings is not None:
-        notes.append(swings.note())
-    if gains is not None:
-        notes.append(gains.note())
-    if explanation.small is not None and verdict != UNKNOWN:
-        notes.append(small_note(explanation.small, explanation.weighed))
-    if verdict in delays:
-        notes.append(timing_note(delays[verdict], step))
-    if verdict != UNKNOWN and gains is None:
+    notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *found.notes()]
+    if ruling.verdict != UNKNOWN and found.gains is None:
         held = tuple(p for p in scored if not p.identify)
-        held = held if limit is None else beyond_reach(held, limit, corrected)
+        held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
         notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
+    assembled = ready.assembled
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
 
     def told(drawn: Draws | None) -> Diagnosis:
         """All of it in words and numbers; without draws the posterior is Laplace's."""
-        summary = summarise(
-            assembled, naming, verdict, raw, physics, facts, members, proof, how, ask, looks, mended, seed, campaign,
-            model, drawn, seen.shown,
-        )  # fmt: skip
+        summary = summarise(assembled, found, proved, how, ask, seed, campaign, model, drawn, seen.shown)
         if how != "validate" and not in_turn:
-            summary["warnings"].append(without_validation(proof))
+            summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
-        if seen.odd is not None:
-            say_odd(summary["mismatch"], seen.odd, campaign)
-        if uneven is not None:
-            say_uneven(summary["mismatch"], uneven, campaign)
-        if swings is not None:
-            say_swinging(summary["mismatch"], swings, campaign)
-        if gains is not None:
-            say_gains(summary["mismatch"], gains, campaign)
-        if clip < math.inf and limit is not None:
-            say_clipped(summary["mismatch"], limit, restored(pieces, campaign, limit))
+        _say_what_else(summary["mismatch"], ready, seen, found, clip)
         lap("write")
-        summary["seconds"] = sum(laps.values())
-        summary["seconds_by"] = laps
-        return Diagnosis(assembled, base, corrected, naming, proof, looks, summary, against, tuple(seen.notes))
+        summary["seconds"] = sum(lap.seconds.values())
+        summary["seconds_by"] = lap.seconds
+        return Diagnosis(
+            assembled, base, corrected, naming, proved, found.looks, summary, against, tuple(seen.notes), seen.loose
+        )
 
     def sampled() -> Diagnosis:
-        nonlocal mark
-        mark = time.perf_counter()  # it may have been put off
-        found = _drawn(naming, physics[verdict], base, r_draw, lambda *at: say("drawing its parameters", *at))
+        lap.begin()  # it may have been put off
+        drawn = _drawn(naming, ruling.named, base, r_draw, lambda *at: say("drawing its parameters", *at))
         lap("draw")
-        return told(found)
+        return told(drawn)
 
     if against is not None:
         # what all recordings together overrule need not be sampled
@@ -343,102 +211,30 @@ def _once(
     return sampled()
 
 
-def _resolution(campaign: Campaign) -> float:
-    sensor = campaign.sensors.get("displacement")
-    return sensor.resolution if sensor is not None and sensor.resolution else STEP_M
+def _scored(ready: Prepared, seen: Seen, verdict: str) -> tuple[float, tuple[Piece, ...]]:
+    """The end of the sensor's range (m) where it is what was left out, and the recordings that the proof scores.
 
-
-def _retimed(
-    base: Fit,
-    campaign: Campaign,
-    overrides: Mapping[str, Any] | None,
-    prior: NoisePrior,
-    rng: np.random.Generator,
-    tell: Tell = silence,
-) -> Rereading | None:
-    """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that.
-
-    None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
+    Those to validate with what the sensor cut off: the verdict is to say it.
     """
-    if is_adequate(base, rng):
-        return None
-    found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
-    if not found:
-        return None
-    best = max(found, key=lambda r: r.log_weight)
-    delayed = weigh_delay(base, campaign, overrides, prior, rng)
-    return None if delayed is not None and delayed > best.log_weight else best
+    if ready.limit is None:
+        return math.inf, seen.pieces
+    clip = ready.limit.value_m if "sensor_clipping" in verdict.split("+") else math.inf
+    whole = {p.name: p for p in restored([p for p in seen.pieces if not p.identify], ready.campaign, ready.limit)}
+    return clip, tuple(whole.get(p.name, p) for p in seen.pieces)
 
 
-def _reread(
-    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
-) -> Rereading | None:
-    """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
-    if naming.none.adequate:
-        return None
-    fit = naming.none.weighed.fit
-    found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
-    if not naming.best.adequate and naming.best is not naming.none:
-        found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
-    found += _with_own_gains(naming, pieces, prior, rng, tell)
-    if CLIPPING in naming.best.weighed.effects and not naming.best.adequate:
-        name = naming.best.weighed.name
-        odds = naming.log_weight.get(name, -math.inf) - naming.log_evidence.get(name, 0.0)
-        tell(0, 1, "the end of the sensor's range as one of its readings")
-        ended = limit_of_readings(naming.best.weighed, odds, prior, rng)
-        found += [ended] if ended is not None else []
-    if not found:
-        return None
-    top = max(found, key=lambda r: r.log_weight)
-    # "unknown" takes what nothing else explains; another reading does
-    rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
-    return top if top.log_weight > rival or not naming.best.adequate else None
-
-
-def _with_own_gains(
-    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell
-) -> list[Rereading]:
-    """The base, the best explanation and parts of it with a gain of each recording, where that leaves nothing.
-
-    One of several effects may be there for gains that differ.
-    """
-    best = naming.best.weighed
-    parts = [w for w in naming.weighed.values() if set(w.effects) < set(best.effects) and w.refitted]
-    out = []
-    for k, w in enumerate({w.name: w for w in (naming.none.weighed, *parts, best)}.values()):
-        if w.name not in naming.log_weight:  # too small to be claimed
-            continue
-        tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
-        loose = own_gains(w.fit, pieces, prior)
-        if loose is not None and is_adequate(loose, rng):
-            odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
-            out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
-    return out
-
-
-def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:
-    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves."""
-    for fit in {id(f): f for f in (naming.none.weighed.fit, naming.best.weighed.fit)}.values():
-        loose = own_gains(fit, pieces, prior)
-        if loose is not None and worth_a_search(fit, loose, prior):
-            return True
-    return False
-
-
-def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
-    """The best explanation and its rivals with a gain of each recording, for a search with these to know of."""
-    if not naming.best.weighed.effects or not naming.best.adequate:
-        return []
-    least = naming.log_weight[naming.best.weighed.name] - _RIVAL
-    near = [w for w in naming.weighed.values() if w.refitted and naming.log_weight.get(w.name, -math.inf) > least]
-    fits = [own_gains(w.fit, pieces, prior) for w in near if w.effects]
-    return [fit for fit in fits if fit is not None]
-
-
-def named_fit(naming: Naming, name: str) -> Fit:
-    """The fit behind a name; of the best partial explanation where nothing on the list explains it."""
-    best = naming.best.weighed
-    return best.fit if name in (best.name, UNKNOWN) else naming.weighed[name].fit
+def _say_what_else(mismatch: dict[str, Any], ready: Prepared, seen: Seen, found: Judged, clip: float) -> None:
+    """Put into the "mismatch" of a summary what the recordings show beside a misfit of the model."""
+    if seen.odd is not None:
+        say_odd(mismatch, seen.odd, ready.campaign)
+    if found.uneven is not None:
+        say_uneven(mismatch, found.uneven, ready.campaign)
+    if found.swings is not None:
+        say_swinging(mismatch, found.swings, ready.campaign)
+    if found.gains is not None:
+        say_gains(mismatch, found.gains, ready.campaign)
+    if clip < math.inf and ready.limit is not None:
+        say_clipped(mismatch, ready.limit, restored(ready.pieces, ready.campaign, ready.limit))
 
 
 def _drawn(
@@ -459,57 +255,21 @@ def _drawn(
     return posterior(fit, own, rng, tell) if own.size else None
 
 
-def _proof(
-    base: Fit,
-    corrected: Fit,
-    pieces: tuple[Piece, ...],
-    prior: NoisePrior,
-    limit_m: float = math.inf,
-    in_turn: tuple[str, ...] = (),
-    tell: Tell = silence,
-) -> tuple[list[HeldOut], str]:
-    """Held-out scores on the recordings to validate, or leaving out those to identify (some of them) in turn."""
-    held = tuple(p for p in pieces if not p.identify)
-    if held:
-        return held_out(base, corrected, held, limit_m, tell), "validate"
-    if len(base.problem.pieces) < 2:
-        return [], "none"
-    return leave_out_in_turn(base, corrected, prior, in_turn, tell), "left out in turn"
-
-
-def leave_out_in_turn(
-    base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = (), tell: Tell = silence
-) -> list[HeldOut]:
-    """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
-    out = []
-    used = base.problem.pieces
-    asked = [p for p in used if not names or p.name in names]
-    for k, piece in enumerate(asked):
-        tell(k, len(asked), piece.name)
-        left = [i for i, p in enumerate(used) if p is not piece]
-        rest = tuple(used[i] for i in left)
-        fits = []
-        for fit in (base, corrected):
-            known = Linearisation(fit.q, [fit.clean[i] for i in left], [fit.slopes[i] for i in left])
-            again = refit(
-                replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False, known=known
-            )
-            fits.append(again or fit)
-        out += held_out(fits[0], fits[1], (piece,))
-    return out
-
-
-def _ask(naming: Naming, members: list[str], base: Fit, tell: Tell = silence) -> dict[str, Any]:
+def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
+    """The experiment that would split what is left, or show anything at all where these recordings do not."""
+    naming, base, ruling = found.naming, found.base, found.ruling
+    actuator = base.problem.pieces[0].recording.actuator
+    if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
+        return first_experiment(base, actuator, tell)
     fits, names = [], []
-    for name in list(dict.fromkeys(members))[:2]:
+    for name in list(dict.fromkeys(ruling.physics[m] for m in ruling.members))[:2]:
         fit = base if name == NONE else naming.weighed[name].fit if name in naming.weighed else None
         if fit is not None:
             fits.append(fit)
             names.append(name)
     if len(fits) < 2:
         return {"why": "one explanation is left; more of the recordings at hand would sharpen it", "recording": {}}
-    actuator = base.problem.pieces[0].recording.actuator
     return next_experiment(fits, names, actuator, tell)
 
 
-__all__ = ["Diagnosis", "DiagnosisSettings", "Explanation", "diagnose", "registered_effects"]
+__all__ = ["Diagnosis", "DiagnosisSettings", "diagnose"]

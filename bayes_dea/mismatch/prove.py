@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..noise.blocks import block_means
+from .descent import Linearisation
+from .noise_prior import NoisePrior
 from .own_zero import with_zeros
 from .reduced import Piece
-from .refit import Fit
+from .refit import Fit, refit
 from .telling import Tell, silence
 from .whitening import whiten
 
@@ -40,6 +42,46 @@ class HeldOut:
     before: Array  # (nb,) residual block means
     after: Array
     time_s: Array
+
+
+def proof(
+    base: Fit,
+    corrected: Fit,
+    pieces: tuple[Piece, ...],
+    prior: NoisePrior,
+    limit_m: float = math.inf,
+    in_turn: tuple[str, ...] = (),
+    tell: Tell = silence,
+) -> tuple[list[HeldOut], str]:
+    """Held-out scores on the recordings to validate, or leaving out those to identify (some of them) in turn."""
+    held = tuple(p for p in pieces if not p.identify)
+    if held:
+        return held_out(base, corrected, held, limit_m, tell), "validate"
+    if len(base.problem.pieces) < 2:
+        return [], "none"
+    return leave_out_in_turn(base, corrected, prior, in_turn, tell), "left out in turn"
+
+
+def leave_out_in_turn(
+    base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = (), tell: Tell = silence
+) -> list[HeldOut]:
+    """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
+    out = []
+    used = base.problem.pieces
+    asked = [p for p in used if not names or p.name in names]
+    for k, piece in enumerate(asked):
+        tell(k, len(asked), piece.name)
+        left = [i for i, p in enumerate(used) if p is not piece]
+        rest = tuple(used[i] for i in left)
+        fits = []
+        for fit in (base, corrected):
+            known = Linearisation(fit.q, [fit.clean[i] for i in left], [fit.slopes[i] for i in left])
+            again = refit(
+                replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False, known=known
+            )
+            fits.append(again or fit)
+        out += held_out(fits[0], fits[1], (piece,))
+    return out
 
 
 def held_out(

@@ -16,8 +16,8 @@ from ..models.model import Model
 from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
-from .features import Features
 from .hypotheses import MAINS, NONE, UNKNOWN, extended, law_of
+from .judge import Judged
 from .locate import excess_by, where
 from .name import Naming
 from .own_gains import Gains
@@ -28,7 +28,7 @@ from .refit import Fit
 from .reread import Rereading
 from .swinging import Swinging
 from .uneven import Uneven
-from .verdict import Fact, silent
+from .verdict import silent
 from .words import silent_note, statement
 
 Array = NDArray[np.float64]
@@ -38,17 +38,10 @@ Draws = tuple[Array, Array]
 
 def summarise(
     assembled: Assembled,
-    naming: Naming,
-    verdict: str,
-    p: dict[str, float],
-    physics: dict[str, str],
-    facts: list[Fact],
-    members: list[str],
+    judged: Judged,
     proof: list[HeldOut],
     how: str,
     ask: dict[str, Any],
-    looks: list[Features],
-    mended: dict[str, Any] | None,
     seed: int,
     campaign: Campaign,
     model: Model,
@@ -56,6 +49,9 @@ def summarise(
     shown: bool = False,
 ) -> dict[str, Any]:
     """drawn: posterior of the verdict's own parameters; shown: the end of the sensor's range is a reading."""
+    naming, looks, facts = judged.naming, judged.looks, judged.facts
+    verdict, p, physics = judged.ruling.verdict, judged.ruling.probability, judged.ruling.physics
+    members = judged.ruling.members
     none = naming.none
     detected = none.scan.detected
     confidence = confidence_of(p[verdict], members)
@@ -109,8 +105,8 @@ def summarise(
         "inputs": campaign.inputs,
         "warnings": list(assembled.warnings),
     }
-    if mended is not None:
-        out["repair"] = mended
+    if judged.mended is not None:
+        out["repair"] = judged.mended
     out["statement"] = statement(out, naming, assembled, physics[verdict])
     if silent(naming):
         note = silent_note(out)

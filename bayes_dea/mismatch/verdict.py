@@ -23,6 +23,39 @@ _SILENT = 0.25
 
 
 @dataclass(frozen=True)
+class Ruling:
+    """The name that is claimed, the probability of every name, the physics behind each, and shifts that one carries.
+
+    delays_s: shifts below one sample, which are timing and part of no name.
+    """
+
+    verdict: str
+    probability: dict[str, float]
+    physics: dict[str, str]
+    delays_s: dict[str, float]
+
+    @property
+    def members(self) -> list[str]:
+        """The smallest set of names with 99 % of the probability, the verdict first."""
+        order = [self.verdict, *sorted((k for k in self.probability if k != self.verdict), key=self._behind)]
+        out, total = [], 0.0
+        for name in order:
+            out.append(name)
+            total += self.probability[name]
+            if total >= 0.99:
+                break
+        return out
+
+    def _behind(self, name: str) -> float:
+        return -self.probability[name]
+
+    @property
+    def named(self) -> str:
+        """The physics of what is claimed."""
+        return self.physics[self.verdict]
+
+
+@dataclass(frozen=True)
 class Fact:
     """An effect that the readings show by themselves, whatever the physics: its probability and its parameters."""
 
@@ -42,14 +75,11 @@ def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolutio
     return [f for f in out if f.probability > 0]
 
 
-def verdict_of(
-    naming: Naming, facts: list[Fact], step_s: float, uneven: bool = False
-) -> tuple[str, dict[str, float], dict[str, str], dict[str, float]]:
-    """The name that is claimed, the probabilities with what is established joined on, the physics behind each name.
+def verdict_of(naming: Naming, facts: list[Fact], step_s: float, uneven: bool = False) -> Ruling:
+    """What is claimed, with what is established joined on: the likeliest name, but none where that is not ruled out.
 
-    And the shift in s, below one sample, that a name carries unsaid. Claimed is the likeliest one, and none where
-    that is not ruled out (`FALSE_ALARMS`). uneven: recordings scatter unlike each other at rest, or swing there, which
-    "none" does not explain.
+    See `FALSE_ALARMS`. uneven: recordings scatter unlike each other at rest, or swing there, which "none" does not
+    explain.
     """
     shift = as_timing(_as_before(naming) if silent(naming) else naming.probability, naming, step_s)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
@@ -68,25 +98,13 @@ def verdict_of(
                 delays[joined] = delays[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
     top = max(p, key=lambda k: p[k])
-    return NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays
+    return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)
 
 
 def _joined(name: str, more: str) -> str:
     """Names of effects in the order of their stages."""
     order = list(registered_effects())
     return "+".join(sorted({*(name.split("+") if name != NONE else []), more}, key=order.index))
-
-
-def indistinguishable(verdict: str, p: dict[str, float]) -> list[str]:
-    """The smallest set with 99 % of the probability, the verdict first."""
-    order = [verdict, *sorted((k for k in p if k != verdict), key=lambda k: -p[k])]
-    out, total = [], 0.0
-    for name in order:
-        out.append(name)
-        total += p[name]
-        if total >= 0.99:
-            break
-    return out
 
 
 def silent(naming: Naming) -> bool:

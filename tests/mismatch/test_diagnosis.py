@@ -100,8 +100,8 @@ def test_correlated_noise_louder_than_stated_is_no_mismatch():
 
 
 def test_without_recordings_to_validate_the_proof_leaves_out_in_turn(diagnosed):
-    from bayes_dea.mismatch.diagnosis import leave_out_in_turn
     from bayes_dea.mismatch.noise_prior import noise_prior
+    from bayes_dea.mismatch.prove import leave_out_in_turn
 
     result = diagnosed("one_quadrant_supply", CASES["one_quadrant_supply"][0])
     rows = leave_out_in_turn(result.base, result.corrected, noise_prior(result.assembled))

@@ -15,9 +15,9 @@ def naming(diagnosed):
 
 
 def claimed(naming, probability, facts=()):
-    verdict, p, _, _ = verdict_of(
+    ruling = verdict_of(
         replace(naming, probability=probability), list(facts), sample_step_s(naming.none.weighed.fit))
-    return verdict, p
+    return ruling.verdict, ruling.probability
 
 
 @pytest.mark.parametrize(("none", "verdict"), [(0.4, "none"), (1.5 * FALSE_ALARMS, "none"),

@@ -1,0 +1,88 @@
+"""From weighed hypotheses to what is claimed, with everything that the recordings show beside the physics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .features import Features, features
+from .hypotheses import NONE, UNKNOWN
+from .name import Explanation, Naming
+from .own_gains import Gains, gains_of
+from .prepare import Prepared
+from .refit import Fit
+from .seen import Seen
+from .swinging import Swinging, swinging
+from .timing import sample_step_s, timing_note
+from .uneven import Uneven, uneven_scatter
+from .unknown import repair
+from .verdict import Fact, Ruling, facts_of, verdict_of
+from .words import small_note
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is claimed and why."""
+
+    naming: Naming
+    ruling: Ruling
+    facts: list[Fact]
+    looks: list[Features]
+    base: Fit
+    corrected: Fit
+    explanation: Explanation  # what the recordings are taken to follow
+    step_s: float
+    uneven: Uneven | None  # recordings scatter unlike each other at rest
+    swings: Swinging | None
+    gains: Gains | None
+    mended: dict[str, Any] | None  # of what is unknown: what its best partial explanation repairs
+
+    def notes(self) -> list[str]:
+        """What is to be said of the recordings beside the verdict."""
+        verdict = self.ruling.verdict
+        out = [found.note() for found in (self.uneven, self.swings, self.gains) if found is not None]
+        if self.explanation.small is not None and verdict != UNKNOWN:
+            out.append(small_note(self.explanation.small, self.explanation.weighed))
+        if verdict in self.ruling.delays_s:
+            out.append(timing_note(self.ruling.delays_s[verdict], self.step_s))
+        return out
+
+
+def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
+    """The claim, and the fit behind it."""
+    best, base = naming.best, naming.none.weighed.fit
+    looks = [features(p) for p in base.problem.pieces]
+    facts = facts_of(best.weighed.fit, seen.pieces, ready.limit, ready.resolution_m)
+    step = sample_step_s(base)
+    # what leaves a mismatch even with a gain of each recording says nothing of these
+    gains = gains_of(best.weighed.fit) if seen.loose and best.adequate else None
+    # a limit of the sensor cuts off noise as well
+    uneven = uneven_scatter(seen.pieces, ready.resolution_m) if ready.limit is None else None
+    swings = swinging(best.weighed.fit, ready.resolution_m)
+    strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
+    ruling = verdict_of(naming, facts, step, strange)
+    mended = None
+    if ruling.verdict == UNKNOWN:
+        # where the best explanation leaves nothing, it is this that no physics explains
+        strangest = (swings or gains) if best.adequate else None
+        mended = repair(best, looks) if strangest is None else strangest.repair(best.weighed.name)
+    return Judged(
+        naming=naming,
+        ruling=ruling,
+        facts=facts,
+        looks=looks,
+        base=base,
+        corrected=base if ruling.named == NONE else named_fit(naming, ruling.named),
+        explanation=naming.none if ruling.named == NONE else best,
+        step_s=step,
+        uneven=uneven,
+        swings=swings,
+        gains=gains,
+        mended=mended,
+    )
+
+
+def named_fit(naming: Naming, name: str) -> Fit:
+    """The fit behind a name; of the best partial explanation where nothing on the list explains it."""
+    best = naming.best.weighed
+    return best.fit if name in (best.name, UNKNOWN) else naming.weighed[name].fit

@@ -1,0 +1,76 @@
+"""What a diagnosis begins with: noise, the recordings reduced, and the model fitted to what is no false reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..assemble import Assembled, assemble
+from ..campaign.schema import Campaign
+from ..errors import InputError
+from ..find_map import MapSettings
+from ..models.model import Model
+from .clipped import Limit, cut_out, sensor_limit
+from .first_fit import first_fit
+from .journal import Journal
+from .laps import Laps
+from .noise_prior import NoisePrior, noise_prior
+from .problem import Problem
+from .reduced import Piece, reduce_campaign
+from .refit import refit
+from .search import Report
+from .seen import Seen
+from .size import STEP_M
+
+#: how often a fit is made again because it showed false readings
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A campaign that a model was fitted to."""
+
+    campaign: Campaign
+    assembled: Assembled
+    pieces: tuple[Piece, ...]  # before any reading was found false
+    prior: NoisePrior
+    seen: Seen
+    resolution_m: float  # of the displacement sensor
+    limit: Limit | None  # at which the sensor cuts off noise as well
+
+
+def prepared(
+    campaign: Campaign, model: Model, settings: MapSettings, workers: int, rng: np.random.Generator,
+    journal: Journal, say: Report, lap: Laps,
+) -> Prepared:
+    """Read the noise, reduce the recordings, fit the model. Raises InputError where it has no answer at its best."""
+    say("reading noise", 0, 1, campaign.name)
+    limit = sensor_limit(campaign)
+    usable = campaign if limit is None else cut_out(campaign, limit)
+    assembled = assemble(usable, model, workers, lambda *at: say("reading noise", *at))
+    lap("assemble")
+    pieces = reduce_campaign(assembled)
+    prior = noise_prior(assembled)
+    problem = replace(Problem.of(assembled, model, [p for p in pieces if p.identify]), journal=journal)
+    say("fitting", 0, 1, model.name)
+    base = first_fit(assembled, problem, prior, rng, settings, lambda *at: say("fitting", *at))
+    lap("map")
+    if base is None:
+        raise InputError(f"{model.name} has no answer on these recordings at its best fit; check the geometry")
+    seen = Seen(base, pieces, prior)
+    say("refining the fit", 0, 1, "false readings")
+    if limit is not None:
+        seen.keep_below(limit)
+    for _ in range(ROUNDS):
+        base = seen.base
+        if not seen.spoiled(base):
+            break
+        seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
+    lap("reduce")
+    return Prepared(campaign, assembled, pieces, prior, seen, _resolution(campaign), limit)
+
+
+def _resolution(campaign: Campaign) -> float:
+    sensor = campaign.sensors.get("displacement")
+    return sensor.resolution if sensor is not None and sensor.resolution else STEP_M

@@ -1,0 +1,194 @@
+"""The search for what was left out, under the reading of the campaign that does best: holds, odd ones, gains, limits.
+
+A command read by another convention, a recording of another actuator, gains that differ or a sensor's end explain a
+mismatch without physics. Where one of them is likelier than all that is named, the search begins anew under it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..campaign.schema import Campaign
+from .features import features
+from .grid import Screened
+from .hypotheses import UNKNOWN
+from .locate import is_adequate
+from .name import Naming, name_physics, weigh_delay
+from .noise_prior import NoisePrior
+from .own_gains import MOVED, own_gains, worth_a_search
+from .own_limits import CLIPPING, limit_of_readings
+from .prepare import ROUNDS, Prepared
+from .reduced import Piece
+from .refit import Fit, refit
+from .reread import Rereading, odd_one_out, other_holds
+from .search import Report
+from .seen import Seen
+from .telling import Tell, silence
+
+#: nats by which another hold convention must be ahead to be taken before effects are weighed
+_BY_FAR = 100.0
+#: nats behind the best explanation within which others are known of when the search begins anew
+_RIVAL = 30.0
+
+
+def sought(
+    ready: Prepared, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator, say: Report,
+    loose: bool = False,
+) -> tuple[Seen, Naming]:
+    """What was left out, and the recordings as they were read in the end.
+
+    loose: a part of the recordings has shown already that nothing explains them without a gain of each.
+    """
+    seen, prior = ready.seen, ready.prior
+
+    def tell(*at: Any) -> None:
+        say("rereading", *at)
+
+    def named(seen: Seen, begun: Sequence[Fit] = ()) -> Naming:
+        return _named(ready, seen, overrides, most_effects, rng, say, begun)
+
+    say("refining the fit", 1, 1, "")
+    retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, tell)
+    if retimed is not None:
+        seen.take(retimed)
+    if loose:
+        seen.take(Rereading(seen.base, 0.0, gains=True))
+    naming = named(seen)
+    reread = _reread(naming, seen.pieces, prior, rng, tell)
+    if reread is not None:
+        how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
+        how = "the end of the sensor's range" if reread.limit else how
+        say("reading the campaign again", 0, 1, how)
+        begun = _begun(naming, seen.pieces, prior) if reread.gains else []
+        seen.take(reread)
+        naming = named(seen, begun)
+    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior):
+        say("reading the campaign again", 0, 1, "a gain of each recording")
+        other = seen.copy()
+        other.take(Rereading(seen.base, 0.0, gains=True))
+        again = named(other)
+        if again.best.adequate:
+            return other, again
+    return seen, naming
+
+
+def _named(
+    ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
+    say: Report, begun: Sequence[Fit],
+) -> Naming:
+    """Every hypothesis weighed, again where that shows false readings."""
+    memory: dict[str, Screened] = {}
+    for last in range(ROUNDS, -1, -1):
+        base = seen.base
+        found = name_physics(
+            base,
+            ready.campaign,
+            ready.prior,
+            [features(p) for p in base.problem.pieces],
+            rng,
+            resolution_m=ready.resolution_m,
+            overrides=overrides,
+            report=say,
+            most_effects=most_effects,
+            spoiled=seen.spoiled if last else None,
+            established=(CLIPPING,) if ready.limit is not None else (),
+            memory=memory,
+            unseen=[p for p in seen.pieces if not p.identify],
+            begun=begun,
+        )
+        if found is not None:
+            break
+        seen.base = refit(seen.base.problem, base.q, base.noise, ready.prior) or base
+    assert found is not None
+    return found
+
+
+def _retimed(
+    base: Fit,
+    campaign: Campaign,
+    overrides: Mapping[str, Any] | None,
+    prior: NoisePrior,
+    rng: np.random.Generator,
+    tell: Tell = silence,
+) -> Rereading | None:
+    """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that.
+
+    None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
+    """
+    if is_adequate(base, rng):
+        return None
+    found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
+    if not found:
+        return None
+    best = max(found, key=lambda r: r.log_weight)
+    delayed = weigh_delay(base, campaign, overrides, prior, rng)
+    return None if delayed is not None and delayed > best.log_weight else best
+
+
+def _reread(
+    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> Rereading | None:
+    """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
+    if naming.none.adequate:
+        return None
+    fit = naming.none.weighed.fit
+    found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
+    if not naming.best.adequate and naming.best is not naming.none:
+        found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
+    found += _with_own_gains(naming, pieces, prior, rng, tell)
+    if CLIPPING in naming.best.weighed.effects and not naming.best.adequate:
+        name = naming.best.weighed.name
+        odds = naming.log_weight.get(name, -math.inf) - naming.log_evidence.get(name, 0.0)
+        tell(0, 1, "the end of the sensor's range as one of its readings")
+        ended = limit_of_readings(naming.best.weighed, odds, prior, rng)
+        found += [ended] if ended is not None else []
+    if not found:
+        return None
+    top = max(found, key=lambda r: r.log_weight)
+    # "unknown" takes what nothing else explains; another reading does
+    rival = max(v for k, v in naming.log_weight.items() if k != UNKNOWN)
+    return top if top.log_weight > rival or not naming.best.adequate else None
+
+
+def _with_own_gains(
+    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell
+) -> list[Rereading]:
+    """The base, the best explanation and parts of it with a gain of each recording, where that leaves nothing.
+
+    One of several effects may be there for gains that differ.
+    """
+    best = naming.best.weighed
+    parts = [w for w in naming.weighed.values() if set(w.effects) < set(best.effects) and w.refitted]
+    out = []
+    for k, w in enumerate({w.name: w for w in (naming.none.weighed, *parts, best)}.values()):
+        if w.name not in naming.log_weight:  # too small to be claimed
+            continue
+        tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
+        loose = own_gains(w.fit, pieces, prior)
+        if loose is not None and is_adequate(loose, rng):
+            odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
+            out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
+    return out
+
+
+def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:
+    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves."""
+    for fit in {id(f): f for f in (naming.none.weighed.fit, naming.best.weighed.fit)}.values():
+        loose = own_gains(fit, pieces, prior)
+        if loose is not None and worth_a_search(fit, loose, prior):
+            return True
+    return False
+
+
+def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
+    """The best explanation and its rivals with a gain of each recording, for a search with these to know of."""
+    if not naming.best.weighed.effects or not naming.best.adequate:
+        return []
+    least = naming.log_weight[naming.best.weighed.name] - _RIVAL
+    near = [w for w in naming.weighed.values() if w.refitted and naming.log_weight.get(w.name, -math.inf) > least]
+    fits = [own_gains(w.fit, pieces, prior) for w in near if w.effects]
+    return [fit for fit in fits if fit is not None]
