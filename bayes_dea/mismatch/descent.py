@@ -28,8 +28,9 @@ _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
 #: share of what was promised that a step has to bring for sensitivities of another fit to do
 _LIKE = 0.5
 #: share of what the whole step promised that a shortened one brings where sensitivities tell next to nothing of the way
-#: (corners of friction closer than the step), nats of misfit from which on a coarse descent ends after so many of these
-_NEXT_TO_NOTHING, _BUMPY, _STUCK = 0.1, 100.0, 3
+#: (corners of friction closer than the step), and of what is left; nats that are to be left, and how many of these
+#: steps in a row end a coarse descent
+_NEXT_TO_NOTHING, _OF_LITTLE_USE, _BUMPY, _STUCK = 0.1, 0.005, 100.0, 3
 
 
 @dataclass(frozen=True)
@@ -242,8 +243,10 @@ def descended(
             gram, logdet, slopes, kept, aged = sums, logs, at, anew, 0
             continue
         gained = value - new[1]
-        stuck += aged == 0 and kept is None and gained < _NEXT_TO_NOTHING * whole
-        last = gained < 3 * tolerance or (coarse and stuck >= _STUCK and value - noise_alone > _BUMPY)
+        left = value - noise_alone
+        little = gained < min(_NEXT_TO_NOTHING * whole, _OF_LITTLE_USE * left)
+        stuck = stuck + 1 if little and aged == 0 and kept is None else 0
+        last = gained < 3 * tolerance or (coarse and stuck >= _STUCK and left > _BUMPY)
         if kept is not None and gained < _LIKE * promised:
             kept = None
             aged = _CARRIED

@@ -52,3 +52,35 @@ def test_a_descent_ends_before_slopes_that_no_number_can_hold(monkeypatch, coars
     assert np.isfinite(end.gram).all()
     assert any(np.array_equal(end.q, place) for place in good[1:3])
     assert refit(problem, q, prior.start(), prior) is None
+
+
+def _misled(monkeypatch, share, coarse):
+    """Sensitivities worked out, and the end, of a descent that is told too much of them may undo what is left."""
+    problem, prior, q = problem_of(concealed())
+    rng, seen, right = np.random.default_rng(5), [], Problem.jacobian
+
+    def bumpy(self, at, base, *args, **more):
+        seen.append(at)
+        wrong = share * rng.standard_normal((self.model.dimension, 1))
+        out = []
+        for piece, s, x in zip(self.pieces, right(self, at, base, *args, **more), base, strict=True):
+            s[: len(wrong)] += wrong * (piece.y - x)
+            out.append(s)
+        return out
+
+    with monkeypatch.context() as m:
+        m.setattr(Problem, "jacobian", bumpy)
+        end = descent.descended(problem, q, prior.start(), *descent.bounds(problem), 60, 1e-3, None, coarse=coarse)
+    assert end is not None
+    return len(seen), end.value - 0.5 * sum(p.blocks.n for p in problem.pieces)
+
+
+def test_a_coarse_descent_gives_a_bumpy_way_up_where_much_is_left(monkeypatch):
+    """As of friction under a mass that rings: steps are cut and cut again, and each brings a part of a nat."""
+    given_up, left = _misled(monkeypatch, 0.03, coarse=True)
+    gone_on, rest = _misled(monkeypatch, 0.03, coarse=False)
+    assert left > rest > descent._BUMPY
+    assert given_up < gone_on
+    assert left - rest < 0.05 * left
+    # sensitivities that are wrong, and of use all the same, are gone on with
+    assert _misled(monkeypatch, 0.01, coarse=True) == _misled(monkeypatch, 0.01, coarse=False)

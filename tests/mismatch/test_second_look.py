@@ -3,11 +3,20 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from concealed_campaigns import concealed
+from test_own_gains import FACTORS, resized
 
+from bayes_dea.find_map import MapSettings
 from bayes_dea.mismatch import diagnosis, second_look
 from bayes_dea.mismatch.diagnosis import _decided, diagnose
+from bayes_dea.mismatch.journal import Journal
+from bayes_dea.mismatch.judge import judged
+from bayes_dea.mismatch.laps import Laps
+from bayes_dea.mismatch.prepare import prepared
+from bayes_dea.mismatch.sought import sought
+from bayes_dea.models.model import build_model
 
 LIMIT = {"supply_saturation": {"V_max_V": 1110.0}}
 
@@ -126,3 +135,30 @@ def test_an_effect_is_as_large_as_on_the_recording_that_it_moves_most():
     found = result.summary["hypotheses"][0]["parameters"]["R_s_ohm"]
     assert abs(found["mean"] - 9.2e3) < 3.0 * found["sd"]
     assert found["sd"] < 1e3
+
+
+def test_a_second_look_begins_with_the_gains_that_the_first_one_needed(monkeypatch):
+    """What nothing explained without a gain of each recording, more recordings do not explain without either."""
+    begun = []
+
+    def once(*args):
+        begun.append(args[-1] if isinstance(args[-1], bool) else None)
+        against = 1e-9 if len(begun) == 1 else None
+        return SimpleNamespace(contradiction=against, loose=True, summary={})
+
+    monkeypatch.setattr(diagnosis, "_once", once)
+    monkeypatch.setattr(diagnosis, "_decided", lambda first, second, campaign: second)
+    diagnose(concealed(), "hooke+gm3")
+    assert begun == [None, True]
+
+
+@pytest.mark.long
+def test_gains_are_free_from_the_beginning_where_that_is_said():
+    """The same verdict as of a search without them first, which is what tells that they are needed."""
+    campaign = resized(concealed(validate=False), FACTORS)
+    ready = prepared(campaign, build_model("hooke+gm3"), MapSettings(), 1, np.random.default_rng(1), Journal(None),
+                     lambda *_: None, Laps())  # fmt: skip
+    seen, naming = sought(ready, None, 3, np.random.default_rng(2), lambda *_: None, loose=True)
+    assert seen.loose
+    assert naming.none.adequate
+    assert judged(ready, seen, naming).gains.allowed
