@@ -19,6 +19,8 @@ DIAGNOSIS_FILE = "diagnosis.json"
 DATA_FILE = "diagnosis.npz"
 REPORT_FILE = "report.html"
 _WIDTH = 80
+#: probability from which on an explanation that is not among the first two is shown
+_WORTH_A_LINE = 5e-4
 
 
 def save_diagnosis(
@@ -41,14 +43,9 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     lines = [f"Verdict: {summary['verdict']} (confidence {summary['confidence']:.2f})", ""]
     lines += textwrap.wrap(summary["statement"], 78)
     lines.append("")
-    for h in summary["hypotheses"][:5]:
-        line = f"  {h['name'][:34]:<34} {h['probability']:8.2%}"
-        for k, v in h["parameters"].items():
-            more = f"{',' if '+-' in line else ' '} {k} {v['mean']:.3g} +- {v['sd']:.2g}"
-            if len(line + more) > _WIDTH:
-                break  # half a number is another number
-            line += more
-        lines.append(line)
+    for k, h in enumerate(summary["hypotheses"][:5]):
+        if k < 2 or h["probability"] >= _WORTH_A_LINE:
+            lines += _hypothesis(h)
     ask = summary["next_experiment"]
     if ask.get("recording"):
         what = recording_in_words(ask["recording"], "+-")
@@ -56,3 +53,18 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     for warning in not_said(summary):
         lines += textwrap.wrap(f"Warning: {warning}", 78, subsequent_indent="  ")
     return "\n".join(lines)
+
+
+def _hypothesis(h: dict[str, Any]) -> list[str]:
+    """Probability, name and parameters, these below where a line does not hold all."""
+    line = f"  {h['probability']:8.2%}  {h['name']}"
+    values = ", ".join(f"{k} {v['mean']:.3g} +- {v['sd']:.2g}" for k, v in h["parameters"].items())
+    if len(line) + 2 + len(values) <= _WIDTH:
+        return [f"{line}  {values}".rstrip()]
+    # a number stands with its name and its error
+    kept = [v.replace(" ", "\0") for v in values.split(", ")]
+    room = " " * 12
+    below = textwrap.wrap(
+        ", ".join(kept), _WIDTH, initial_indent=room, subsequent_indent=room, break_on_hyphens=False
+    )
+    return [line, *(text.replace("\0", " ") for text in below)]

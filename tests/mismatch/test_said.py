@@ -1,7 +1,5 @@
 """What a diagnosis prints at its end."""
 
-import re
-
 import pytest
 
 from bayes_dea.experiments.words import recording_in_words
@@ -31,11 +29,24 @@ def summary():
 
 
 def test_no_line_is_wider_than_a_terminal_and_no_number_is_cut_off(summary):
+    text = terminal_summary(summary)
+    assert max(map(len, text.splitlines())) <= 80
+    assert "    96.00%  amplitude_softening  dE_Pa 0.0251 +- 0.0098, e_c 0.0251 +- 0.0098\n     4.00%  none\n" in text
+
+
+def test_the_longest_names_are_told_apart_and_their_numbers_stand_below(summary):
+    both = [f"one_quadrant_supply+stretch_dependent_permittivity+{last}" for last in ("sensor_lag", "sensor_drift")]
+    values = {"tau_fall_s": _NUMBER, "c_eps": _NUMBER, "tau_s_s": _NUMBER}
+    summary["hypotheses"] = [
+        {"name": name, "probability": p, "parameters": values}
+        for name, p in zip([*both, "charge_retention"], (0.9997, 0.0002, 0.0001), strict=True)
+    ]
     lines = terminal_summary(summary).splitlines()
     assert max(map(len, lines)) <= 80
-    row = next(line for line in lines if line.startswith("  amplitude_softening"))
-    assert "dE_Pa 0.0251 +- 0.0098" in row
-    assert re.findall(r"e_c.*", row) in ([], ["e_c 0.0251 +- 0.0098"])
+    assert [line.split()[-1] for line in lines if "%  one_quadrant" in line] == both
+    assert "            tau_fall_s 0.0251 +- 0.0098, c_eps 0.0251 +- 0.0098," in lines
+    assert "            tau_s_s 0.0251 +- 0.0098" in lines
+    assert not any("charge_retention" in line for line in lines)  # improbable, and not the second
 
 
 def test_a_recording_that_is_asked_for_has_its_units(summary):
