@@ -93,9 +93,10 @@ def isolated_outliers(
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
       where there are but two). In the first 8 rows after an edge that is the only one of its direction the edges of
-      other recordings are looked at; where there are fewer than two of these (one, of a late reading), nothing is
-      flagged. In the rows behind these a run is not of which a row alone would not be. What lies on the side where the
-      reading was before the edge, at it or one row after (late), is held against steps at least as large only.
+      other recordings are looked at, also recording by recording (two that show half of it, and a quarter of them, are
+      enough); where there are fewer than two of these edges (one, of a late reading), nothing is flagged. In the rows
+      behind these a run is not of which a row alone would not be. What lies on the side where the reading was before
+      the edge, at it or one row after (late), is held against steps at least as large only.
 
     Where more than 1 % of the rows would go, none does: that is no fault now and then.
 
@@ -214,7 +215,7 @@ def _returns(
             ]
             share = np.concatenate([np.empty(0), *found])
             # without anything to compare with nothing is claimed; what makes a step late does so at another as large
-            return share.size < (1 if late else 2) or _comes_back(share)
+            return share.size < (1 if late else 2) or _comes_back(share) or _in_recordings(found)
         others = back.edges[alike] + row - back.edges[last]
         weight = back.jump[alike] / back.jump[last]
     elif back.period_s > 0:
@@ -258,6 +259,16 @@ def _comes_back(share: Array) -> bool:
     middle = np.sort(share)[(share.size - 1) // 2]
     one = 1.0 if share.size > 2 else 0.0
     return bool(middle > 0.25 or np.sum(share > 0.5) > max(one, 0.08 * share.size))
+
+
+def _in_recordings(found: Sequence[Array]) -> bool:
+    """Whether other recordings show it, each by the middle one of its edges; shares (k,) by recording.
+
+    Two of them and a quarter: the edges of one wave in which a sensor at the end of its range shows nothing outnumber
+    the first steps of all others.
+    """
+    told = [float(np.median(share)) for share in found if share.size]
+    return sum(m > 0.5 for m in told) >= max(2.0, 0.25 * len(told))
 
 
 def _level(r: Array, rows: NDArray[np.int64], length: int) -> Array:

@@ -144,6 +144,26 @@ def test_at_an_only_edge_other_recordings_tell():
     assert flagged(answer) == []  # it comes back: physics
 
 
+def test_first_steps_of_other_recordings_tell_where_a_wave_outnumbers_them():
+    """A sensor whose range ends hides what a step does at all steps of a rectangle, not at the first one of sines."""
+    step = np.where(np.arange(3000) < 500, 0.0, 650.0)
+    back, edge = recurrence(step, 0.0), 500
+    rng = np.random.default_rng(11)
+    shows = 80e-6 * np.isin(np.arange(3000), (edge, edge + 1))
+    rectangle = np.where(np.arange(3000) % 100 < 50, 1050.0, 250.0)
+    hidden = (noise(3000, 0.3, rng), recurrence(rectangle, 0.1))
+
+    def flagged(*elsewhere):
+        r = noise(3000, 0.3, np.random.default_rng(12)) + shows
+        return list(np.flatnonzero(isolated_outliers(r, STEP * np.arange(3000), 4e-6, 0.3, back, elsewhere=elsewhere)))
+
+    alike = [(noise(3000, 0.3, rng) + shows, back) for _ in range(2)]
+    assert flagged(hidden, *alike) == []
+    # one other recording may have a drop-out there as well, and two of nine are not many
+    assert flagged(hidden, alike[0]) == [edge, edge + 1]
+    assert flagged(hidden, *alike, *[(noise(3000, 0.3, rng), back) for _ in range(6)]) == [edge, edge + 1]
+
+
 def test_what_a_limit_delays_at_the_largest_step_alone_is_physics():
     """A supply of limited current is late at a step of 1,200 V and in time at 800 V."""
     u = np.zeros(6000)
