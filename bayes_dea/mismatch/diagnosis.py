@@ -67,7 +67,7 @@ class Diagnosis:
     summary: dict[str, Any]
     #: p-value of what the recordings to validate show beside the verdict, where they contradict it
     contradiction: float | None = None
-    #: what is to be said of the recordings themselves
+    #: what is to be said of the recordings themselves, and of when they were read
     notes: tuple[str, ...] = ()
     #: whether every recording has a gain of its own
     loose: bool = False
@@ -165,10 +165,9 @@ def _once(
     proved, how = proof(base, corrected, scored, ready.prior, clip, in_turn, lambda *at: say("proving", *at))
     against = None
     if ruling.verdict != UNKNOWN and found.explanation.adequate:
-        # with a shift of less than a sample, of which nothing is claimed
         by_name = {p.name: p for p in seen.pieces}
-        ours = tuple(by_name[p.name] for p in corrected.problem.pieces)
-        explained = replace(corrected, problem=replace(corrected.problem, pieces=ours))
+        ours = tuple(by_name[p.name] for p in found.explained.problem.pieces)
+        explained = replace(found.explained, problem=replace(found.explained.problem, pieces=ours))
         say("proving", 2, 3, "all recordings together")
         against = second_look.contradiction(
             explained, seen.pieces, ready.prior, ready.limit, r_look, ready.resolution_m
@@ -195,9 +194,8 @@ def _once(
         lap("write")
         summary["seconds"] = sum(lap.seconds.values())
         summary["seconds_by"] = lap.seconds
-        return Diagnosis(
-            assembled, base, corrected, naming, proved, found.looks, summary, against, tuple(seen.notes), seen.loose
-        )
+        said = (*seen.notes, *found.timing())
+        return Diagnosis(assembled, base, corrected, naming, proved, found.looks, summary, against, said, seen.loose)
 
     def sampled() -> Diagnosis:
         lap.begin()  # it may have been put off

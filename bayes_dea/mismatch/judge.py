@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .features import Features, features
-from .hypotheses import NONE, UNKNOWN
+from .hypotheses import DELAY, NONE, UNKNOWN
 from .name import Explanation, Naming
 from .own_gains import Gains, gains_of
 from .prepare import Prepared
@@ -31,6 +31,7 @@ class Judged:
     base: Fit
     corrected: Fit
     explanation: Explanation  # what the recordings are taken to follow
+    explained: Fit  # the fit of that, with a shift of less than a sample of which nothing is claimed
     step_s: float
     uneven: Uneven | None  # recordings scatter unlike each other at rest
     swings: Swinging | None
@@ -43,9 +44,12 @@ class Judged:
         out = [found.note() for found in (self.uneven, self.swings, self.gains) if found is not None]
         if self.explanation.small is not None and verdict != UNKNOWN:
             out.append(small_note(self.explanation.small, self.explanation.weighed))
-        if verdict in self.ruling.delays_s:
-            out.append(timing_note(self.ruling.delays_s[verdict], self.step_s))
-        return out
+        return [*out, *self.timing()]
+
+    def timing(self) -> list[str]:
+        """A shift of less than one sample that the verdict carries unsaid, in words; nothing without one."""
+        delay = self.ruling.delays_s.get(self.ruling.verdict)
+        return [] if delay is None else [timing_note(delay, self.step_s)]
 
 
 def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
@@ -66,14 +70,21 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         # where the best explanation leaves nothing, it is this that no physics explains
         strangest = (swings or gains) if best.adequate else None
         mended = repair(best, looks) if strangest is None else strangest.repair(best.weighed.name)
+    corrected = base if ruling.named == NONE else named_fit(naming, ruling.named)
+    explanation = naming.none if ruling.named == NONE else best
+    explained = corrected
+    if ruling.named == NONE and NONE in ruling.delays_s:
+        explained = naming.weighed[DELAY].fit
+        explanation = best if best.weighed.name == DELAY else explanation
     return Judged(
         naming=naming,
         ruling=ruling,
         facts=facts,
         looks=looks,
         base=base,
-        corrected=base if ruling.named == NONE else named_fit(naming, ruling.named),
-        explanation=naming.none if ruling.named == NONE else best,
+        corrected=corrected,
+        explanation=explanation,
+        explained=explained,
         step_s=step,
         uneven=uneven,
         swings=swings,

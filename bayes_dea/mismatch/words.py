@@ -24,7 +24,9 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     numbers = _proved(proof)
     if verdict == NONE:
         if any(w.startswith(LAG_NOTE) for w in summary["warnings"]):
-            return f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
+            text = f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
+            others = [m for m in summary["indistinguishable"] if m != NONE]
+            return text + (f" They cannot tell that shift from {', '.join(others)}." if others else "")
         if naming.none.scan.detected:
             return (
                 "The recordings differ from the model by less than one resolution step or by nothing that lasts; "

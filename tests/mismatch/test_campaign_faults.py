@@ -66,14 +66,26 @@ def test_a_recording_of_another_actuator_is_found_and_named(plain):
     assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
-def test_a_shift_below_one_sample_is_timing_and_no_physics():
-    """0.7 ms at 1 kHz: no hold convention, and yet not the bench's acquisition that is late."""
-    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 0.0007}}), "hooke+gm3").summary
+@pytest.mark.parametrize("delay_s", [0.0002, 0.0006, 0.0007])
+def test_a_shift_below_one_sample_is_timing_and_no_physics(delay_s):
+    """At 1 kHz: no hold convention, and yet not the bench's acquisition that is late, nor a mass that rings."""
+    s = diagnose(concealed({"acquisition_delay": {"T_d_s": delay_s}}), "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert s["confidence"] > 0.8
     assert s["warnings"][0].startswith("timing:")
     assert "less than one sample" in s["warnings"][0] or "one sample at most" in s["warnings"][0]
     assert "timing" in s["statement"]
+    # with the shift in, nothing is left on the recordings to validate either
+    assert not any("recordings to validate" in w for w in s["warnings"])
+
+
+def test_a_shift_of_a_twentieth_of_a_sample_is_told_from_no_lag_and_says_so():
+    """On a held command a lag of 0.3 ms leaves as much missing on the first row behind a step, and next to nothing on
+    the second."""
+    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 5e-5}}), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert {"none", "sensor_lag", "parallel_damper"} <= set(s["indistinguishable"])
+    assert "They cannot tell that shift from" in s["statement"]
 
 
 def test_a_delay_of_one_sample_and_a_bit_is_a_delay():

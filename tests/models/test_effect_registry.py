@@ -160,6 +160,9 @@ def test_priors_of_a_campaign():
     # the sd of a uniform density within the stated limits of 2e-6 m/s and 500 1/m
     assert prior("sensor_drift", "drift_m_per_s").b == pytest.approx(2e-6 / 3**0.5)
     assert prior("sensor_nonlinearity", "q_2_per_m").b == pytest.approx(500.0 / 3**0.5)
+    # a delay of parts of a sample is no physics, but is to be known
+    step = float(np.median(np.diff(recording.time_s)))
+    assert prior("acquisition_delay", "T_d_s").a == pytest.approx(min(5e-4, 0.005 * step))
     assert effects["series_resistance"].prior_for(campaign) == {}
     no_sensor = Campaign("c", (), ACTUATOR, {}, (recording,))
     assert effects["sensor_drift"].prior_for(no_sensor) == {}

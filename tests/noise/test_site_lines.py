@@ -50,3 +50,33 @@ def test_a_slow_wave_whose_multiples_lie_close_does_not_hide_mains(shape):
     assert found is not None
     assert found.frequency_Hz == pytest.approx(50.0, abs=0.01)
     assert found.amplitude == pytest.approx(4.4e-6, rel=0.1)
+
+
+def _slowed(rng, amplitude):
+    """A creep read at 1 kHz for two seconds behind each edge and every 0.1 s in between, with mains."""
+    fast = [np.arange(a, a + 2.0, 1e-3) for a in (2.0, 42.0)]
+    t = np.concatenate([np.arange(0.0, 2.0, 0.1), fast[0], np.arange(4.0, 42.0, 0.1), fast[1], [44.0, 44.1]])
+    u = np.where((t > 2.0) & (t < 42.0), 800.0, 0.0)
+    y = 1e-4 * (u > 0.0) + amplitude * np.cos(2 * np.pi * 50.0 * t + 1.0) + 4.7e-6 * rng.standard_normal(t.size)
+    return y, t, u
+
+
+def test_a_sampler_that_goes_slower_for_a_while_makes_no_mains_of_its_steps():
+    """Lines through readings every 0.1 s have lines at every multiple of 10 Hz."""
+    for seed in range(20):
+        assert find_mains(*_slowed(np.random.default_rng(seed), 0.0)) is None
+    found = find_mains(*_slowed(np.random.default_rng(1), 4e-6))
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(50.0, abs=0.2)
+    assert found.amplitude == pytest.approx(4e-6, rel=0.15)
+
+
+def test_gaps_are_bridged_and_jitter_of_the_clock_is_none():
+    rng = np.random.default_rng(3)
+    t = np.arange(20_000) * 1e-3 + 1e-4 * rng.standard_normal(20_000)
+    kept = np.ones(t.size, dtype=bool)
+    kept[5000:5400] = kept[9000:9030] = False
+    y = 4e-6 * np.cos(2 * np.pi * 50.0 * t) + 4.7e-6 * rng.standard_normal(t.size)
+    found = find_mains(y[kept], t[kept])
+    assert found is not None
+    assert found.amplitude == pytest.approx(4e-6, rel=0.1)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ...campaign.schema import Campaign
 
 _CATALOGUE = "catalogue of missing physics"
+#: shortest delay that recordings may show, in samples: on the first row behind an edge that much of a step is missing
+_LEAST_DELAY = 0.005
 #: sd of a uniform density over half its width
 UNIFORM_SD = 1.0 / math.sqrt(3.0)
 
@@ -47,6 +49,12 @@ class AcquisitionDelay(Effect):
     source = f"{_CATALOGUE}, E23"
     null = off("T_d_s")
     black_box = True
+
+    def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
+        """Down to parts of a sample: what is less than one is timing, but has to be known for that."""
+        plain = next(p.prior for p in self.parameters if p.name == "T_d_s")
+        steps = [float(np.median(np.diff(r.time_s))) for r in campaign.recordings if r.is_voltage and len(r.time_s) > 1]
+        return {"T_d_s": Prior("loguniform", min(plain.a, _LEAST_DELAY * min(steps)), plain.b)} if steps else {}
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the time."""
