@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from bayes_dea.mismatch.timing import sample_step_s
+from bayes_dea.mismatch import verdict as verdicts
+from bayes_dea.mismatch.timing import Shift, sample_step_s
 from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
 
@@ -26,6 +27,20 @@ def test_an_effect_is_claimed_where_none_is_ruled_out(naming, none, verdict):
     found, p = claimed(naming, {"none": none, "series_resistance": 1 - none})
     assert found == verdict
     assert p["none"] == pytest.approx(none)
+
+
+@pytest.mark.parametrize(("timing", "verdict"), [(0.1, "series_resistance"), (0.6, "none")])
+def test_a_shift_of_readings_has_to_be_the_likeliest_to_be_all_there_is(naming, monkeypatch, timing, verdict):
+    """That the model lacks nothing is ruled out; that its readings are a part of a sample late is not."""
+    alone = 0.1 * FALSE_ALARMS
+
+    def moved(p, *_):
+        return Shift({"none": alone + timing, "series_resistance": 1.0 - alone - timing}, {n: n for n in p}, {})
+
+    monkeypatch.setattr(verdicts, "as_timing", moved)
+    found, p = claimed(naming, {"none": alone, "series_resistance": 1.0 - alone - timing, "acquisition_delay": timing})
+    assert found == verdict
+    assert p["none"] == pytest.approx(alone + timing)
 
 
 def test_mains_is_claimed_where_it_is_sure_to_exceed_a_step(naming):
