@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..assemble import Assembled
 from ..campaign.schema import Campaign
+from ..models.effects import registered_effects
 from ..models.model import Model
 from ..priors import Prior
 from .clipped import Limit
@@ -127,11 +128,23 @@ def _corrected(model: Model, naming: Naming, verdict: str, physics: dict[str, st
 
 
 def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
-    """Priors that the corrected model needs beside its SPEC: of an effect whose law is not its plain one."""
+    """Priors that the corrected model needs beside its SPEC: of an effect whose law is not its plain one.
+
+    And of a parameter that this campaign puts beyond what is usual (a delay of two samples at 10 kHz).
+    """
     if physics not in naming.weighed:
         return {}
     weighed = naming.weighed[physics]
-    return {name: str(prior) for name, prior in law_of(weighed).items()}
+    own = {p.name: p.prior for p in weighed.fit.problem.model.parameters}
+    values = weighed.fit.values()
+    beyond = {}
+    for name in weighed.effects:
+        for usual in registered_effects()[name].parameters:
+            n, prior = usual.name, usual.prior
+            ends = prior.family in ("uniform", "loguniform")
+            if ends and n in values and own[n] != prior and not prior.a <= values[n] <= prior.b:
+                beyond[n] = own[n]
+    return {name: str(prior) for name, prior in (beyond | law_of(weighed)).items()}
 
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:

@@ -1,13 +1,17 @@
 """What is claimed, given the probabilities."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from bayes_dea.mismatch import verdict as verdicts
+from bayes_dea.mismatch.summary import _corrected_priors
 from bayes_dea.mismatch.timing import Shift, sample_step_s
 from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
+from bayes_dea.models.model import build_model
+from bayes_dea.priors import Prior, parse_override
 
 
 @pytest.fixture
@@ -67,3 +71,18 @@ def test_pairs_that_were_tried_do_not_make_recordings_silent(naming):
     assert len(naming.visible) < 0.25 * len(pairs)
     assert not silent(replace(naming, weighed=naming.weighed | pairs))
     assert silent(replace(naming, visible=naming.visible[:1]))
+
+
+@pytest.mark.parametrize(("delay_s", "given"), [(2e-4, {"T_d_s": "loguniform(5e-07, 0.05)"}), (2e-3, {})])
+def test_a_corrected_model_has_the_prior_of_what_its_usual_one_rules_out(delay_s, given):
+    """Two samples at 10 kHz are a delay, and less than what is usual."""
+    spec = "hooke+gm3+acquisition_delay"
+    model = build_model(spec, {"T_d_s": Prior("loguniform", 5e-7, 0.05)})
+    fit = SimpleNamespace(problem=SimpleNamespace(model=model), values=lambda: {"T_d_s": delay_s})
+    naming = SimpleNamespace(weighed={"acquisition_delay": SimpleNamespace(effects=("acquisition_delay",), fit=fit)})
+    found = _corrected_priors(naming, "acquisition_delay")
+    assert found == given
+    # as calibrate takes it
+    assert dict(parse_override(f"{name}={text}") for name, text in found.items()) == (
+        {"T_d_s": Prior("loguniform", 5e-7, 0.05)} if given else {}
+    )
