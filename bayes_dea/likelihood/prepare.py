@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.order import differences, median
+from ..campaign.pace import pace_of
 from ..campaign.rhythm import reading_every, with_a_reading
 from ..campaign.schema import Campaign, Recording, Sensor
 from ..campaign.scratch import BLOCK, beside, computed, pieces
@@ -58,8 +59,8 @@ class Prepared:
 
     @cached_property
     def step_s(self) -> float:
-        """Median time between rows in s."""
-        return median_step(self.recording)
+        """Time between rows in s: the median one, of a sampler that changes its pace that of the finest."""
+        return pace_of(self.recording.time_s).step_s
 
     @cached_property
     def masked(self) -> NDArray[np.bool_]:

@@ -162,15 +162,17 @@ def _coarse(
     keep[np.maximum(start - 1, 0)] = True
     keep[[0, n - 1]] = True
     end = np.append(start[1:], n)
-    typical = step if step > 0 else float(np.median(np.diff(time_s))) if n > 1 else 1.0
     for k in np.flatnonzero(time_s[end - 1] - edge > fine_s):
         last = int(end[k]) - 1
         i = int(np.searchsorted(time_s, edge[k] + fine_s, "right")) - 1
         while i < last:
             keep[i] = True
-            wanted = min(growth * (time_s[i] - edge[k]), cap_s) / typical
-            stride = max(1, int(_STEP_GRID ** np.floor(np.log(max(wanted, 1.0) + 1e-9) / np.log(_STEP_GRID))))
-            i += stride
+            wanted = min(growth * (time_s[i] - edge[k]), cap_s)
+            if step > 0:
+                stride = int(_STEP_GRID ** np.floor(np.log(max(wanted / step, 1.0) + 1e-9) / np.log(_STEP_GRID)))
+                i += max(1, stride)
+            else:  # rows may come at any pace
+                i = max(i + 1, int(np.searchsorted(time_s, time_s[i] + wanted, "right")) - 1)
     return keep
 
 

@@ -15,12 +15,15 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.pace import Pace, pace_of
 from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.scratch import beside, computed, kept
 from bayes_dea.errors import InputError
 from bayes_dea.noise.edges import find_edges, input_noise
 
 Array = NDArray[np.float64]
+#: rows read at a slower pace that stay alone; of more than these blocks are cut, as if all were as correlated
+_MOST_SLOW = 20_000
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,12 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     tolerance = s.input_share * spread if spread > 0 else math.inf
     # what the scatter of a measured input does must not cut blocks
     noise = input_noise(finite) if spread > 0 else 0.0
-    step = median(differences(t, good)) if finite.size > 1 else 1.0
+    pace = pace_of(kept(t, good)) if finite.size > 1 else Pace(1.0, ())
+    step = pace.step_s
+    slow = pace.is_slow(finite.size) if pace.slow else np.empty(0, dtype=np.bool_)
+    if 0 < np.count_nonzero(slow) <= _MOST_SLOW:
+        # means of rows that are nearly independent beside rows that are not: alone each is exact
+        alone[np.flatnonzero(good)[slow]] = True
     start, stop = _cut(t, v, good, edge, alone, tolerance, noise, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
                        s.single_after_edge, step)
     count = _counts(masked, start, stop)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median, of
+from bayes_dea.campaign.pace import pace_of
 from bayes_dea.campaign.scratch import BLOCK, all_finite, beside, computed, kept, pieces
 
 Array = NDArray[np.float64]
@@ -20,8 +21,6 @@ _Rows = Callable[[int, int], Array]
 _TOLERANCE = 0.01
 _SEGMENTS_S = (16.0, 128.0)
 _HIGHEST_HARMONIC = 8
-#: a step of so many medians is long, and how many of these in a row are a slower sampler and no gaps
-_LONG_STEP, _SLOWER = 2.5, 10
 #: bins beyond which a Hann window shows nothing of a line
 _LEAK_BINS = 4.0
 
@@ -158,9 +157,10 @@ def _even(t: Array, y: Array, mask: ArrayLike | None) -> tuple[Array, Array]:
     if np.count_nonzero(good) < 64:
         return np.empty(0), np.empty(0)
     tg, yg = kept(t, good), kept(y, good)
-    step = median(differences(tg))
-    fine = _fine(tg, step)
-    tg, yg = tg[fine], yg[fine]
+    pace = pace_of(tg)
+    # lines through what was read at a slower pace have lines of their own
+    fast, step = pace.longest_fast(tg.size), pace.step_s
+    tg, yg = tg[fast], yg[fast]
     if tg.size < 64:
         return np.empty(0), np.empty(0)
     if tg.size == t.size and max(float(np.max(np.abs(d - step))) for d in differences(tg)()) < 0.05 * step:
@@ -169,23 +169,6 @@ def _even(t: Array, y: Array, mask: ArrayLike | None) -> tuple[Array, Array]:
     for part in pieces(grid.size, BLOCK):
         grid[part] = tg[0] + step * np.arange(part.start, part.stop)
     return grid, _at(grid, tg, yg)
-
-
-def _fine(t: Array, step: float) -> slice:
-    """The longest stretch of rows (n,) that is not read in long steps: lines through these have lines of their own.
-
-    A gap is one long step; a recording whose sampler goes on more slowly has many in a row.
-    """
-    found, before = [], 0
-    for d in differences(t)():
-        found.append(before + np.flatnonzero(d > _LONG_STEP * step))
-        before += d.size
-    long = np.concatenate([np.empty(0, dtype=np.int64), *found])
-    runs = np.split(long, np.flatnonzero(np.diff(long) > 1) + 1)
-    slow = [run for run in runs if run.size >= _SLOWER]
-    starts = [0, *(int(run[-1]) + 1 for run in slow)]
-    ends = [*(int(run[0]) + 1 for run in slow), t.size]
-    return max((slice(a, b) for a, b in zip(starts, ends, strict=True)), key=lambda rows: rows.stop - rows.start)
 
 
 def _at(grid: Array, t: Array, y: Array) -> Array:

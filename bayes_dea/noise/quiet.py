@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from bayes_dea.campaign.order import differences, median
+from bayes_dea.campaign.order import median
+from bayes_dea.campaign.pace import pace_of
 from bayes_dea.campaign.rhythm import with_a_reading
 from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
 from bayes_dea.noise.edges import input_noise
@@ -40,7 +41,8 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     times the median variance left out. What is taken off is given back to the autocovariance, exactly for
     an AR(1) process. Mains raises it: name its lines.
 
-    Of a sensor that is read at every k-th row, these rows are looked at (`reading_every`).
+    Of a sensor that is read at every k-th row, these rows are looked at (`reading_every`); of one that was read at a
+    slower pace for a while, the others (`pace_of`).
 
     Where no stretch is quiet, the sd comes from fourth differences, as if the noise were white, and a
     warning says so.
@@ -62,10 +64,14 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
             rows = np.arange(values.size)
             use = good & ~masked
             values = np.where(masked & good, np.interp(rows, rows[use], values[use]), values)
+    pace = pace_of(kept(t, good))
+    if pace.slow:
+        # rows at a slower pace are correlated otherwise
+        good[np.flatnonzero(good)[pace.is_slow(int(np.count_nonzero(good)))]] = False
     finite = kept(drive, good)
     if finite.size < 64:
         return _without_rest(kept(values, good))
-    step = median(differences(t, good))
+    step = pace.step_s
     tolerance = stillness(finite)
     settle = round(settle_s / step) if step > 0 else 0
     for width in (256, 128, 64):
