@@ -1,12 +1,60 @@
 """A fit that stopped in a bent valley goes on: a slow mode gives way to a drift, and the other way round."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
+from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.weigh import Weighed
+
+
+@pytest.mark.parametrize(("first", "leaves", "gone_on"), [
+    ("sensor_drift", True, ["sensor_drift", "supply_dead_zone"]),
+    ("sensor_drift", False, ["sensor_drift", "inertia", "supply_dead_zone"]),
+    ("inertia", True, ["inertia", "sensor_drift", "supply_dead_zone"]),
+])  # fmt: skip
+def test_what_is_dear_is_not_gone_on_with_behind_a_leader_that_leaves_something(monkeypatch, first, leaves, gone_on):
+    """Another effect is looked for beside the leader then; a mass behind friction took a minute to the last nat."""
+    evidence = {"sensor_drift": 93.0, "inertia": 92.0, "supply_dead_zone": 90.0} | {first: 95.0}
+
+    def fit_of(name):
+        return SimpleNamespace(objective=-evidence[name], log_evidence=evidence[name])
+
+    def refined(base, s, *_, **__):
+        (name,) = set(s.effects) - {"sensor_lag"}
+        return Weighed(s.effects, fit_of(name), evidence[name], 0.1, 0.0, -evidence[name])
+
+    spec = SimpleNamespace(effects=("sensor_lag",))
+    base = SimpleNamespace(objective=0.0, log_evidence=0.0,
+                           problem=SimpleNamespace(pieces=(), model=SimpleNamespace(spec=spec)))  # fmt: skip
+    screened = [
+        SimpleNamespace(effects=("sensor_lag", name), gain=evidence[name], base_objective=0.0, log_evidence=0.0,
+                        model=SimpleNamespace(dimension=8))
+        for name in evidence
+    ]  # fmt: skip
+    went = []
+
+    def goes_on(w, *_):
+        went.append(w.effects[-1])
+        return w
+
+    monkeypatch.setattr(search, "refine", refined)
+    monkeypatch.setattr(search, "_gone_on", goes_on)
+    monkeypatch.setattr(search, "escape", lambda base, s, w, prior: w)
+    for same in ("relocated", "begun_from"):
+        monkeypatch.setattr(search, same, lambda fit, *_: fit)
+    monkeypatch.setattr(search, "overlooked", lambda *_: [])
+    monkeypatch.setattr(search, "stands_in", lambda _: False)
+    monkeypatch.setattr(search, "own_index", lambda *_: np.zeros(5, dtype=int))  # no ridge to go along
+    out = search.refined(base, screened, None, lambda *_: None, 1, None, adequate=lambda fit: not leaves)
+    assert len(out) == 3
+    assert went == gone_on
 
 
 @pytest.mark.long
