@@ -13,13 +13,14 @@ import numpy as np
 from ..experiments.words import recording_in_words
 from ..results import not_said, write_bytes, write_json
 from .diagnosis import Diagnosis
+from .hypotheses import UNKNOWN
 from .pictures import picture_data
 
 DIAGNOSIS_FILE = "diagnosis.json"
 DATA_FILE = "diagnosis.npz"
 REPORT_FILE = "report.html"
 _WIDTH = 80
-#: probability from which on an explanation that is not among the first two is shown
+#: probability from which on an explanation that is not the first is shown
 _WORTH_A_LINE = 5e-4
 
 
@@ -43,8 +44,10 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     lines = [f"Verdict: {summary['verdict']} (confidence {summary['confidence']:.2f})", ""]
     lines += textwrap.wrap(summary["statement"], 78)
     lines.append("")
+    # of what is unknown the best partial explanation has numbers to be read, however improbable it is
+    first = 2 if summary["verdict"] == UNKNOWN else 1
     for k, h in enumerate(summary["hypotheses"][:5]):
-        if k < 2 or h["probability"] >= _WORTH_A_LINE:
+        if k < first or h["probability"] >= _WORTH_A_LINE:
             lines += _hypothesis(h)
     ask = summary["next_experiment"]
     if ask.get("recording"):
