@@ -19,9 +19,7 @@ _PRIOR_STEP = 1e-3
 #: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
 _FAR_OFF = 500.0
 #: a first damping, by what it grows where a step fails and shrinks where one does not, and how often it may grow
-_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 11
-#: below this damping hardly changes a step, and grows twice as fast
-_IDLE = 0.01
+_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 12
 #: sensitivities are carried on from step to step as long as a step brings what they promised, within these factors,
 #: and for so many steps
 _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
@@ -231,7 +229,7 @@ def descended(
                 break
             if aged or kept is not None:
                 break
-            damping = max((_MORE if damping > _IDLE else _MORE * _MORE) * damping, _DAMPING)
+            damping = max(_MORE * damping, _DAMPING)
         if new is None:
             if ends or (aged == 0 and kept is None):
                 break
