@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..campaign.order import differences, median
 from ..campaign.pace import pace_of
 from ..campaign.rhythm import reading_every, with_a_reading
 from ..campaign.schema import Campaign, Recording, Sensor
@@ -220,11 +219,6 @@ class RateClasses:
     def of(self, prepared: Prepared) -> int:
         """Index of the class of a recording."""
         return int(np.argmin([abs(np.log(prepared.reading_step_s / s)) for s in self.steps_s]))
-
-
-def median_step(recording: Recording) -> float:
-    """Median time between rows in s."""
-    return median(differences(recording.time_s))
 
 
 def rate_classes(prepared: tuple[Prepared, ...], tolerance: float = 0.2) -> RateClasses:

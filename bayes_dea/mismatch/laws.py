@@ -23,6 +23,9 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 COUNTED = {"rate_independent_hysteresis": "friction_elements"}
 COUNTS = (*range(6, 21), 22, 24, 26, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72, 80, 90, 100, 128, 200, 0)
 
+#: parameters that say which law of an effect is meant
+TOLD_BY = {p for law in VARIANTS.values() for p in law} | set(COUNTED.values())
+
 
 def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
     """Laws of an effect, the plain one first, as what is given beside the priors of its parameters."""

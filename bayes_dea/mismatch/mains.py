@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..likelihood.prepare import median_step
 from ..noise.line_amplitude import SeenLine, line_sd, probability_above
 from .reduced import Piece
 from .refit import Fit
@@ -40,7 +39,7 @@ def mains_lines(fit: Fit) -> list[SeenLine]:
         A = np.stack([scaled, np.ones(x.size), np.cos(phase), np.sin(phase)], axis=1)[good]
         c, *_ = np.linalg.lstsq(A, p.y[good], rcond=None)
         sigma, rho = fit.noise.of(piece)
-        sd = line_sd(sigma, rho, frequency, median_step(p.recording), int(good.sum()))
+        sd = line_sd(sigma, rho, frequency, p.step_s, int(good.sum()))
         out.append(SeenLine(float(np.hypot(c[2], c[3])), sd, bool(near)))
     return out
 

@@ -35,7 +35,7 @@ class Prepared:
     assembled: Assembled
     pieces: tuple[Piece, ...]  # before any reading was found false
     prior: NoisePrior
-    seen: Seen
+    seen: Seen  # as read so far; `sought` goes on with it
     resolution_m: float  # of the displacement sensor
     limit: Limit | None  # at which the sensor cuts off noise as well
 

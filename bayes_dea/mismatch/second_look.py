@@ -16,6 +16,7 @@ from ..campaign.schema import Campaign
 from .clipped import Limit, below
 from .descent import Linearisation
 from .hypotheses import NONE
+from .laws import TOLD_BY
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .own_zero import with_zeros
@@ -94,11 +95,16 @@ def overrules(first: dict[str, Any], second: dict[str, Any], explained: bool = F
 def _another_law(first: dict[str, Any], second: dict[str, Any]) -> bool:
     """Whether all recordings are explained by the same effects, but another law of one of them."""
     same = second["verdict"] == first["verdict"]
-    return bool(same and second["adequate"] and second["corrected_priors"] != first["corrected_priors"])
+    return bool(same and second["adequate"] and _laws(second) != _laws(first))
+
+
+def _laws(summary: dict[str, Any]) -> dict[str, str]:
+    """Priors of the corrected model that say which law of an effect is meant."""
+    return {name: prior for name, prior in summary["corrected_priors"].items() if name in TOLD_BY}
 
 
 def _law(summary: dict[str, Any]) -> str:
-    return ", ".join(f"{name} = {prior}" for name, prior in summary["corrected_priors"].items()) or "the usual one"
+    return ", ".join(f"{name} = {prior}" for name, prior in _laws(summary).items()) or "the usual one"
 
 
 def overruled_note(

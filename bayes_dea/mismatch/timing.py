@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 from scipy.special import ndtr
 
 from .hypotheses import DELAY, NONE
@@ -55,12 +54,7 @@ def as_timing(probability: dict[str, float], naming: Naming, step_s: float) -> S
 
 def sample_step_s(fit: Fit) -> float:
     """The finest sampling step of the recordings that a delay was seen on."""
-    steps = [
-        float(np.median(np.diff(p.recording.time_s)))
-        for p in fit.problem.pieces
-        if p.channel == "displacement" and p.recording.time_s.size > 1
-    ]
-    return min(steps, default=0.0)
+    return min((p.prepared.step_s for p in fit.problem.pieces if p.channel == "displacement"), default=0.0)
 
 
 #: how the note of a shift begins: by it the statement knows that there is one

@@ -8,7 +8,7 @@ from small_records import ACTUATOR, SENSOR, voltage_record
 
 from bayes_dea.campaign import Sensor, campaign_from_recordings, recording_from_arrays
 from bayes_dea.errors import InputError
-from bayes_dea.likelihood.prepare import median_step, prepare, prepare_all, rate_classes
+from bayes_dea.likelihood.prepare import prepare, prepare_all, rate_classes
 
 
 def noisy(n=2000, gaps=(), spikes=(), kind="voltage", name="r"):
@@ -80,5 +80,5 @@ def test_rates_that_differ_are_classes_of_their_own():
     assert rates.steps_s == pytest.approx((0.001, 0.002, 0.01))
     assert [rates.of(p) for p in records] == [0, 0, 2, 1]
     uneven = voltage_record("u", 400, step=0.01, uneven=0.2)
-    assert median_step(uneven.recording) == pytest.approx(0.01, rel=0.05)
+    assert uneven.step_s == pytest.approx(0.01, rel=0.05)
     assert rates.of(replace(uneven)) == 2

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...campaign.pace import pace_of
 from ...priors import Prior
 from .effect import Effect, off, quantity
 
@@ -53,7 +54,7 @@ class AcquisitionDelay(Effect):
     def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
         """Down to parts of a sample: what is less than one is timing, but has to be known for that."""
         plain = next(p.prior for p in self.parameters if p.name == "T_d_s")
-        steps = [float(np.median(np.diff(r.time_s))) for r in campaign.recordings if r.is_voltage and len(r.time_s) > 1]
+        steps = [pace_of(r.time_s).step_s for r in campaign.recordings if r.is_voltage and len(r.time_s) > 1]
         return {"T_d_s": Prior("loguniform", min(plain.a, _LEAST_DELAY * min(steps)), plain.b)} if steps else {}
 
     def explain(self, values: Mapping[str, float]) -> str:
