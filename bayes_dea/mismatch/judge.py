@@ -9,11 +9,12 @@ from .features import Features, features
 from .hypotheses import DELAY, NONE, UNKNOWN
 from .name import Explanation, Naming
 from .own_gains import Gains, gains_of
+from .phase import sample_step_s
 from .prepare import Prepared
 from .refit import Fit
 from .seen import Seen
 from .swinging import Swinging, swinging
-from .timing import sample_step_s, timing_note
+from .timing import timing_note
 from .uneven import Uneven, uneven_scatter
 from .unknown import repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
@@ -64,7 +65,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     uneven = uneven_scatter(seen.pieces, ready.resolution_m) if ready.limit is None else None
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
-    ruling = verdict_of(naming, facts, step, strange)
+    ruling = verdict_of(naming, facts, strange)
     mended = None
     if ruling.verdict == UNKNOWN:
         # where the best explanation leaves nothing, it is this that no physics explains

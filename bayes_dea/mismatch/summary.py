@@ -108,7 +108,7 @@ def summarise(
     }
     if judged.mended is not None:
         out["repair"] = judged.mended
-    out["statement"] = statement(out, naming, assembled, physics[verdict])
+    out["statement"] = statement(out, naming, assembled, physics[verdict], judged.ruling.delays_s)
     if silent(naming):
         note = silent_note(out)
         out["warnings"].insert(0, note)

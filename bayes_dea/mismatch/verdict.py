@@ -75,14 +75,14 @@ def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolutio
     return [f for f in out if f.probability > 0]
 
 
-def verdict_of(naming: Naming, facts: list[Fact], step_s: float, uneven: bool = False) -> Ruling:
+def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Ruling:
     """What is claimed, with what is established joined on: the likeliest name, but none where that is not ruled out.
 
     See `FALSE_ALARMS`; a shift below one sample, which counts as none, has to be the likeliest. uneven: recordings
     scatter unlike each other at rest, or swing there, which "none" does not explain.
     """
     weighed = _as_before(naming) if silent(naming) else naming.probability
-    shift = as_timing(weighed, naming, step_s)
+    shift = as_timing(weighed, naming)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
     # that the model lacks nothing, and not that a shift of its readings explains them
     alone = weighed.get(NONE, 0.0) / max(p.get(NONE, 0.0), 1e-300)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ..assemble import Assembled
@@ -17,8 +18,15 @@ from .weigh import Weighed
 _MOVES, _A_NAT = 0.005, 1.0
 
 
-def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str) -> str:
-    """One or two sentences for a diagnosis. physics: the verdict without what the readings show by themselves."""
+def statement(
+    summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str,
+    delays_s: Mapping[str, float] | None = None,
+) -> str:
+    """One or two sentences for a diagnosis.
+
+    physics: the verdict without what the readings show by themselves; delays_s: shifts below a sample (s), by the name
+    that carries them unsaid.
+    """
     verdict, proof = summary["verdict"], summary["proof"]
     confidence = f"confidence {summary['confidence']:.2f}"
     numbers = _proved(proof)
@@ -74,9 +82,18 @@ def statement(summary: dict[str, Any], naming: Naming, assembled: Assembled, phy
     text = "; and ".join(parts)
     text = text[0].upper() + text[1:]
     others = [m for m in summary["indistinguishable"] if m != verdict]
-    doubt = f" These recordings cannot tell it from {', '.join(others)}." if others else ""
+    told = ", ".join(_with_shift(m, (delays_s or {}).get(m)) for m in others)
+    doubt = f" These recordings cannot tell it from {told}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
     return f"{text} ({confidence}).{mended}{doubt}"
+
+
+def _with_shift(name: str, delay_s: float | None) -> str:
+    """An explanation by its name, and the shift of the readings that it needs."""
+    if delay_s is None:
+        return name
+    late = f"readings that are late by {1e3 * delay_s:.2g} ms, less than one sample"
+    return f"{name} but {late}" if name == NONE else f"{name} with {late}"
 
 
 def _proved(proof: dict[str, Any]) -> str:

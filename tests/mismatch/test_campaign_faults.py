@@ -79,13 +79,23 @@ def test_a_shift_below_one_sample_is_timing_and_no_physics(delay_s):
     assert not any("recordings to validate" in w for w in s["warnings"])
 
 
-def test_a_shift_of_a_twentieth_of_a_sample_is_told_from_no_lag_and_says_so():
-    """On a held command a lag of 0.3 ms leaves as much missing on the first row behind a step, and next to nothing on
-    the second."""
-    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 5e-5}}), "hooke+gm3").summary
+def test_a_shift_of_a_tenth_of_a_sample_is_told_from_no_lag_and_says_so():
+    """On a held command a lag of 0.4 ms leaves as much missing on the first row behind a step, and little on the
+    second."""
+    s = diagnose(concealed({"acquisition_delay": {"T_d_s": 1e-4}}), "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert {"none", "sensor_lag", "parallel_damper"} <= set(s["indistinguishable"])
     assert "They cannot tell that shift from" in s["statement"]
+
+
+@pytest.mark.parametrize("effect", [{"acquisition_delay": {"T_d_s": 5e-5}}, {"sensor_lag": {"tau_s_s": 3.3e-4}}])
+def test_a_lag_and_the_twentieth_of_a_sample_that_it_looks_like_stand_side_by_side(effect):
+    """A phase of just a twentieth would be a rare one, so that the lag leads, with the shift in its set."""
+    s = diagnose(concealed(effect), "hooke+gm3").summary
+    assert s["verdict"] in ("sensor_lag", "parallel_damper")
+    assert s["confidence"] < 0.8
+    assert {"none", "sensor_lag", "parallel_damper"} <= set(s["indistinguishable"])
+    assert re.search(r"none but readings that are late by 0\.0\d+ ms, less than one sample", s["statement"])
 
 
 def test_a_delay_of_one_sample_and_a_bit_is_a_delay():

@@ -7,7 +7,7 @@ import pytest
 
 from bayes_dea.mismatch import verdict as verdicts
 from bayes_dea.mismatch.summary import _corrected_priors
-from bayes_dea.mismatch.timing import Shift, sample_step_s
+from bayes_dea.mismatch.timing import Shift
 from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
 from bayes_dea.models.model import build_model
@@ -20,8 +20,7 @@ def naming(diagnosed):
 
 
 def claimed(naming, probability, facts=()):
-    ruling = verdict_of(
-        replace(naming, probability=probability), list(facts), sample_step_s(naming.none.weighed.fit))
+    ruling = verdict_of(replace(naming, probability=probability), list(facts))
     return ruling.verdict, ruling.probability
 
 

@@ -1,0 +1,65 @@
+"""A delay below one sample is when in a sample its reading falls: any part of it is as likely as any other.
+
+The prior of a delay as physics is log-uniform: of what lies below one sample as much is between a hundredth and a
+fiftieth of it as between a third and two thirds. Clocks that are not synchronised know no such scale. It matters where
+a lag or a damper far faster than the sampling does what a hundredth of a sample does.
+"""
+
+from __future__ import annotations
+
+import math
+
+from scipy.special import ndtr
+
+from .refit import Fit
+
+_PARAMETER = "T_d_s"
+
+
+def sample_step_s(fit: Fit) -> float:
+    """The finest sampling step of the recordings that a delay was seen on."""
+    return min((p.prepared.step_s for p in fit.problem.pieces if p.channel == "displacement"), default=0.0)
+
+
+def delay_s(fit: Fit) -> float | None:
+    """The delay (s) at a fit, its median; None where it has none that is free."""
+    found = _log_delay(fit)
+    return None if found is None else math.exp(found[0])
+
+
+def phase_odds(fit: Fit) -> float:
+    """By how much a delay is likelier before the recordings are seen than its log-uniform prior has it.
+
+    One above a sample; where the fit has none, or with another prior than that, it is one, too.
+    """
+    below, odds = _below(fit)
+    return below * odds + 1.0 - below
+
+
+def share_below(fit: Fit) -> float:
+    """Probability that the delay of a fit is less than one sample."""
+    below, odds = _below(fit)
+    return min(1.0, below * odds / (below * odds + 1.0 - below))
+
+
+def _below(fit: Fit) -> tuple[float, float]:
+    """That probability by the prior that was fitted, and the odds of being there against it."""
+    step, found = sample_step_s(fit), _log_delay(fit)
+    if found is None or step <= 0.0:
+        return 0.0, 1.0
+    centre, sd = found
+    below = float(ndtr((math.log(step) - centre) / max(sd, 1e-9)))
+    prior = next(p.prior for p in fit.problem.model.priors.free if p.name == _PARAMETER)
+    if prior.family != "loguniform" or not prior.a < step < prior.b:
+        return below, 1.0
+    # what the prior has between its least delay and one sample, spread evenly over the sample
+    return below, min(math.exp(centre) / step, 1.0) * math.log(step / prior.a)
+
+
+def _log_delay(fit: Fit) -> tuple[float, float] | None:
+    """Mean and sd of the logarithm of the delay in s."""
+    names = [p.name for p in fit.problem.model.priors.free]
+    if _PARAMETER not in names:
+        return None
+    i = names.index(_PARAMETER)
+    return float(fit.q[i]), math.sqrt(max(float(fit.covariance[i, i]), 0.0))
