@@ -13,7 +13,7 @@ from ..models.model import Model
 from .descent import bounds, value_at
 from .frame import Frame, own_index
 from .grid import Screened, screen
-from .hypotheses import CONTAINS, extended, law_of
+from .hypotheses import extended, law_of
 from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
@@ -46,6 +46,8 @@ _FAR, _FARTHER, _NOWHERE_NEAR = 0.1, 1.25, 0.5
 _FAR_BEHIND = 50.0
 #: the damping of a mass and a damper in parallel are one and the same number
 SAME = {MASS, "parallel_damper"}
+#: effects that are another one at an end of their parameters: a leak acts through the resistance before it
+CONTAINS = {"leakage": "series_resistance"}
 
 
 def together(effects: Sequence[str], name: str) -> tuple[str, ...]:

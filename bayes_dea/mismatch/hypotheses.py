@@ -13,8 +13,6 @@ from .laws import laws_in
 from .weigh import Weighed
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
-#: effects that are another one at an end of their parameters: a leak acts through the resistance before it
-CONTAINS = {"leakage": "series_resistance"}
 
 
 def prior_odds() -> dict[str, float]:

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .hypotheses import CONTAINS, DELAY
+from .hypotheses import DELAY
 from .phase import phase_odds
 from .reduced import Piece
 from .refit import Fit
-from .size import effect_size, size_elsewhere
+from .size import size_elsewhere
 from .weigh import Weighed
 
 #: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
@@ -82,22 +82,6 @@ class Known:
         least = max(fewer, default=self.none.log_evidence) + 3.0
         alike = [v for v in others if len(v.effects) == count and v.fit is not self.none.fit and v is not w]
         return [v for v in alike if least < v.log_evidence <= w.log_evidence]
-
-    def is_another(self, w: Weighed) -> bool:
-        """Whether its effect is only the one that it contains: it moves nothing more that a sensor resolves.
-
-        A leak of next to nothing through a resistance is that resistance, and no explanation beside it (CONTRACT 1).
-        """
-        for wide, narrow in CONTAINS.items():
-            if wide not in w.effects:
-                continue
-            plain = set(w.effects) - {wide} | {narrow}
-            found = next((v for v in self.weighed.values() if set(v.effects) == plain and v.refitted), None)
-            if found is None or found.log_evidence < w.log_evidence:
-                continue
-            if max(effect_size(found.fit, w.fit), size_elsewhere(found.fit, w.fit, self.elsewhere)) < self.resolution_m:
-                return True
-        return False
 
     def _large(self, w: Weighed) -> bool:
         if w.size_m >= self.resolution_m or w.fit is self.none.fit or not self.elsewhere:

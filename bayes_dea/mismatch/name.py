@@ -303,8 +303,6 @@ def _log_probabilities(
     error = {NONE: none.weighed.log_evidence_se}
     prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
     for w in known.counting:
-        if known.is_another(w):
-            continue
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = known.share(w)
     evidence[UNKNOWN] = max(
@@ -316,7 +314,7 @@ def _log_probabilities(
         return {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
 
     least = max(weights().values()) + math.log(_WORTH_LABELLING)
-    further = [w for w in known.counting if FURTHER in w.effects and weights().get(w.name, -math.inf) > least]
+    further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
     evidence = with_free_places(evidence, further, noise)
     return evidence, error, weights()
 

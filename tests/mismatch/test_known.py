@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import pytest
 
-import bayes_dea.mismatch.known as known_module
 from bayes_dea.mismatch.known import Known
 
 
@@ -98,40 +97,3 @@ def test_what_a_grid_calls_hopeless_does_not_count_with_the_fit_of_another():
     single = Stub(("amplitude_softening",), 100.0)
     pair = Stub(("amplitude_softening", "inertia"), 100.0, 1e-6, single.fit, refitted=False)
     assert known(single, pair).counting == [single]
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    at_m: float
-
-
-def moves(monkeypatch, elsewhere=0.0):
-    monkeypatch.setattr(known_module, "effect_size", lambda a, b: abs(a.at_m - b.at_m))
-    monkeypatch.setattr(known_module, "size_elsewhere", lambda *_: elsewhere)
-
-
-def test_a_leak_of_next_to_nothing_is_the_resistance_before_it(monkeypatch):
-    moves(monkeypatch)
-    resistance = Stub(("series_resistance",), 100.0, fit=Place(5e-7))
-    dry, wet = (Stub(("leakage",), 99.5, fit=Place(x)) for x in (5.2e-7, 6.5e-7))
-    assert known(resistance, dry).is_another(dry)
-    assert not known(resistance, wet).is_another(wet)  # more than the sensor's step beside it
-    assert not known(dry).is_another(dry)  # nothing to be held against
-    assert not known(resistance, dry).is_another(resistance)
-    ahead = Stub(("leakage",), 100.5, fit=Place(5.2e-7))
-    assert not known(resistance, ahead).is_another(ahead)
-
-
-def test_a_leak_counts_by_what_it_moves_elsewhere_too(monkeypatch):
-    moves(monkeypatch, elsewhere=2e-7)
-    resistance, dry = Stub(("series_resistance",), 100.0, fit=Place(5e-7)), Stub(("leakage",), 99.5, fit=Place(5e-7))
-    assert not known(resistance, dry).is_another(dry)
-
-
-def test_of_two_effects_the_same_holds(monkeypatch):
-    moves(monkeypatch)
-    pair = Stub(("series_resistance", "inertia"), 100.0, fit=Place(5e-7))
-    other = Stub(("series_resistance",), 90.0, fit=Place(5e-7))
-    dry = Stub(("leakage", "inertia"), 99.0, fit=Place(5e-7))
-    assert known(other, pair, dry).is_another(dry)
-    assert not known(other, dry).is_another(dry)
