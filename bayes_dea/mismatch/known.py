@@ -7,14 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .hypotheses import DELAY
+from .noise_prior import NoisePrior
 from .phase import phase_odds
 from .reduced import Piece
 from .refit import Fit
-from .size import size_elsewhere
+from .size import effect_size, size_elsewhere
+from .stand_ins import with_true_modes
 from .weigh import Weighed
 
 #: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
 _CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
+#: nats by which an effect has to be ahead of what lacks it for a mode that does its work to be looked for
+_NEEDED = 5.0
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,8 @@ class Known:
     """Hypotheses by name.
 
     none: the base alone; singles: number of effects that may be added to it; elsewhere: displacements that were not
-    fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most.
+    fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most. noise:
+    its prior, with which an effect is held against modes that are none of its own making (`stand_ins`).
     """
 
     none: Weighed
@@ -31,7 +36,9 @@ class Known:
     singles: int
     elsewhere: Sequence[Piece] = ()
     weighed: dict[str, Weighed] = field(default_factory=dict)
+    noise: NoisePrior | None = None
     _sizes: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
+    _beside_modes: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
 
     def take(self, found: Iterable[Weighed]) -> None:
         """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
@@ -84,12 +91,42 @@ class Known:
         return [v for v in alike if least < v.log_evidence <= w.log_evidence]
 
     def _large(self, w: Weighed) -> bool:
-        if w.size_m >= self.resolution_m or w.fit is self.none.fit or not self.elsewhere:
+        if w.size_m >= self.resolution_m or w.fit is self.none.fit:
             return w.size_m >= self.resolution_m
-        known = self._sizes.get(id(w.fit))  # simulated once for each fit, which stays with its size
+        return self._elsewhere(w) >= self.resolution_m or self._without_stand_in(w) >= self.resolution_m
+
+    def _elsewhere(self, w: Weighed) -> float:
+        """Its size (m) on recordings that were not fitted; simulated once for each fit, which stays with its size."""
+        if not self.elsewhere:
+            return 0.0
+        known = self._sizes.get(id(w.fit))
         if known is None:
             known = self._sizes[id(w.fit)] = w.fit, size_elsewhere(self.none.fit, w.fit, self.elsewhere)
-        return known[1] >= self.resolution_m
+        return known[1]
+
+    def _without_stand_in(self, w: Weighed) -> float:
+        """Its size (m) where a mode does its work in what lacks it, and may not; 0 where none does."""
+        simpler = self._simpler(w)
+        if self.noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
+            return 0.0
+        known = self._beside_modes.get(id(w.fit))
+        if known is None:
+            held = with_true_modes(w.fit, simpler.fit, self.noise)
+            size = 0.0
+            if held is not None:
+                size = max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
+            known = self._beside_modes[id(w.fit)] = w.fit, size
+        return known[1]
+
+    def _simpler(self, w: Weighed) -> Weighed | None:
+        """The likeliest that lacks one of its effects."""
+        if len(w.effects) == 1:
+            return self.none
+        fewer = [
+            v for v in self.weighed.values()
+            if v.refitted and len(v.effects) == len(w.effects) - 1 and set(v.effects) < set(w.effects)
+        ]  # fmt: skip
+        return max(fewer, key=lambda v: v.log_evidence, default=None)
 
 
 def _least_gain(w: Weighed, before: Weighed) -> float:

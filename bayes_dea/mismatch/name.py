@@ -154,7 +154,7 @@ def name_physics(
         return None
     odds = prior_odds()
     elsewhere = [p for p in unseen if p.channel == "displacement"]
-    known = Known(none.weighed, resolution_m, odds, max(len(names), 1), elsewhere, singles)
+    known = Known(none.weighed, resolution_m, odds, max(len(names), 1), elsewhere, singles, prior)
     known.take_from_elsewhere(again(begun, base, prior))
     considered: list[Weighed] = []
 

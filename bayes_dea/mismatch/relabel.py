@@ -21,7 +21,7 @@ from .weigh import Weighed
 
 FURTHER = "extra_relaxation_mode"
 #: sampling steps below which a mode is none that a recording shows as such
-_FAST_STEPS = 3.0
+FAST_STEPS = 3.0
 #: modulus of a mode that is to do nothing much, by those of the others
 _IDLE = 0.02
 #: by how much (log) a refit may move the time constant of an exchanged mode
@@ -113,7 +113,7 @@ def stands_in(fit: Fit) -> bool:
     if spec.network != "gm" or spec.elements < 1:
         return False
     quickest = min(values[f"tau_{j}_s"] for j in range(1, spec.elements + 1))
-    return quickest <= _FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
+    return quickest <= FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
 
 
 def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | None:

@@ -176,8 +176,13 @@ def _with_own_gains(
 
 
 def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:
-    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves."""
-    for fit in {id(f): f for f in (naming.none.weighed.fit, naming.best.weighed.fit)}.values():
+    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves.
+
+    Or the likeliest, which may be too small to be claimed.
+    """
+    refitted = (w for w in naming.weighed.values() if w.refitted)
+    likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
+    for fit in {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}.values():
         loose = own_gains(fit, pieces, prior)
         if loose is not None and worth_a_search(fit, loose, prior):
             return True

@@ -1,0 +1,50 @@
+"""How large an effect is where a mode of the base does its work: against a base whose modes are modes.
+
+Without the effect a mode may leave for where no recording shows it as one: a damper of 1.4 kPa s is a branch of
+250 MPa that relaxes in 6 us. What such a base leaves to be seen of the effect is a few hundredths of a micrometre, and
+yet it is no smaller a damper. So an effect is held against the simpler explanation with that mode where the effect lets
+it be, or at the edge of what the sampling shows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..models.model import build_model
+from ..priors import Parameter, Prior
+from .descent import bounds
+from .noise_prior import NoisePrior
+from .refit import Fit, refit
+from .relabel import FAST_STEPS, stands_in
+
+
+def with_true_modes(fit: Fit, simpler: Fit, prior: NoisePrior) -> Fit | None:
+    """The simpler of two explanations with its fastest mode where the sampling shows it, the rest refitted.
+
+    None where no mode of the simpler one stands in for something (`stands_in`), or one of the other does, too.
+    """
+    if not stands_in(simpler) or stands_in(fit):
+        return None
+    values, edge = fit.values(), FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
+    n = simpler.problem.model.spec.elements
+    slower = values.get(f"tau_{n - 1}_s", np.inf)
+    found = [_held(fit, simpler, t, prior) for t in (values[f"tau_{n}_s"], edge) if t < slower]
+    return min((f for f in found if f is not None), key=lambda f: f.objective, default=None)
+
+
+def _held(fit: Fit, simpler: Fit, fastest_s: float, prior: NoisePrior) -> Fit | None:
+    """The simpler one, refitted from where the other stands, with the time constant (s) of its fastest mode held."""
+    model, values = simpler.problem.model, fit.values()
+    own: dict[str, Parameter | Prior] = {p.name: p for p in model.parameters}
+    held = Prior("fixed", fastest_s)
+    problem = fit.problem.with_model(build_model(model.name, {**own, f"tau_{model.spec.elements}_s": held}))
+    free = problem.model.priors.free
+    if any(p.name not in values for p in free):
+        return None
+    x = np.array([[p.prior.to_coordinate(values[p.name]) for p in free]])
+    q = np.concatenate([problem.model.from_prior_coordinates(x)[0], fit.q[fit.problem.model.dimension :]])
+    if not np.isfinite(q).all():
+        return None
+    low, high = bounds(problem)
+    # at the noise of what explains more: that of a base has grown
+    return refit(problem, np.clip(q, low + 1e-9, high - 1e-9), fit.noise, prior, fit_noise=False, coarse=True)
