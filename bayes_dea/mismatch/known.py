@@ -93,7 +93,7 @@ class Known:
     def _large(self, w: Weighed) -> bool:
         if w.size_m >= self.resolution_m or w.fit is self.none.fit:
             return w.size_m >= self.resolution_m
-        return self._elsewhere(w) >= self.resolution_m or self._without_stand_in(w) >= self.resolution_m
+        return self._elsewhere(w) >= self.resolution_m or self._with_modes_kept(w) >= self.resolution_m
 
     def _elsewhere(self, w: Weighed) -> float:
         """Its size (m) on recordings that were not fitted; simulated once for each fit, which stays with its size."""
@@ -104,8 +104,8 @@ class Known:
             known = self._sizes[id(w.fit)] = w.fit, size_elsewhere(self.none.fit, w.fit, self.elsewhere)
         return known[1]
 
-    def _without_stand_in(self, w: Weighed) -> float:
-        """Its size (m) where a mode does its work in what lacks it, and may not; 0 where none does."""
+    def _with_modes_kept(self, w: Weighed) -> float:
+        """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
         simpler = self._simpler(w)
         if self.noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
             return 0.0

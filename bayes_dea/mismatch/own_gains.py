@@ -8,7 +8,7 @@ actuator. It is weighed as another reading of the campaign is: by its evidence, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -107,10 +107,13 @@ def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | Non
     return refit(_loosened(problem, pieces), q, fit.noise, prior, known=replace(fit.linearisation, q=q))
 
 
-def worth_a_search(before: Fit, after: Fit, prior: NoisePrior) -> bool:
-    """Whether gains take so much of what an explanation leaves that effects are to be sought beside them."""
+def worth_a_search(before: Fit, after: Fit, prior: NoisePrior, adequate: Callable[[Fit], bool]) -> bool:
+    """Whether gains take so much of what an explanation leaves that effects are to be sought beside them.
+
+    adequate: whether a fit leaves nothing to be seen; what noise has beyond its stated level is an excess, too.
+    """
     better = after.log_evidence + math.log(MOVED) - before.log_evidence
-    return better > 0.0 and excess(after, prior) < (1.0 - _MUCH) * excess(before, prior)
+    return better > 0.0 and (excess(after, prior) < (1.0 - _MUCH) * excess(before, prior) or adequate(after))
 
 
 def gains_of(fit: Fit) -> Gains:

@@ -66,7 +66,7 @@ def sought(
         begun = _begun(naming, seen.pieces, prior) if reread.gains else []
         seen.take(reread)
         naming = named(seen, begun)
-    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior):
+    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior, rng):
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
         other.take(Rereading(seen.base, 0.0, gains=True))
@@ -175,16 +175,16 @@ def _with_own_gains(
     return out
 
 
-def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> bool:
+def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> bool:
     """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves.
 
-    Or the likeliest, which may be too small to be claimed.
+    Or the likeliest, which may be too small to be claimed. Much is all that can be seen, too.
     """
     refitted = (w for w in naming.weighed.values() if w.refitted)
     likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
     for fit in {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}.values():
         loose = own_gains(fit, pieces, prior)
-        if loose is not None and worth_a_search(fit, loose, prior):
+        if loose is not None and worth_a_search(fit, loose, prior, lambda f: is_adequate(f, rng)):
             return True
     return False
 

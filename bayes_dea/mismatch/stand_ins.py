@@ -1,9 +1,9 @@
-"""How large an effect is where a mode of the base does its work: against a base whose modes are modes.
+"""How large an effect is where a mode of the base does its work: against a base whose modes stay what they are.
 
-Without the effect a mode may leave for where no recording shows it as one: a damper of 1.4 kPa s is a branch of
-250 MPa that relaxes in 6 us. What such a base leaves to be seen of the effect is a few hundredths of a micrometre, and
-yet it is no smaller a damper. So an effect is held against the simpler explanation with that mode where the effect lets
-it be, or at the edge of what the sampling shows.
+Without the effect the fastest mode may leave for where it is needed more: a damper of 1.4 kPa s is a branch of 250 MPa
+that relaxes in 6 us. What such a base leaves to be seen of the effect is a few hundredths of a micrometre, and yet it
+is no smaller a damper. So an effect is held against the simpler explanation with that mode where the effect lets it be;
+or, where it has left for what no recording shows as a mode, at the edge of that.
 """
 
 from __future__ import annotations
@@ -19,16 +19,19 @@ from .relabel import FAST_STEPS, stands_in
 
 
 def with_true_modes(fit: Fit, simpler: Fit, prior: NoisePrior) -> Fit | None:
-    """The simpler of two explanations with its fastest mode where the sampling shows it, the rest refitted.
+    """The simpler of two explanations with its fastest mode where the other has it, the rest refitted.
 
-    None where no mode of the simpler one stands in for something (`stands_in`), or one of the other does, too.
+    None where these modes are not to be told by their places (networks but gm), or one of the other stands in for
+    something itself (`stands_in`).
     """
-    if not stands_in(simpler) or stands_in(fit):
+    spec = simpler.problem.model.spec
+    if spec.network != "gm" or spec.elements < 1 or stands_in(fit):
         return None
     values, edge = fit.values(), FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
-    n = simpler.problem.model.spec.elements
+    n = spec.elements
     slower = values.get(f"tau_{n - 1}_s", np.inf)
-    found = [_held(fit, simpler, t, prior) for t in (values[f"tau_{n}_s"], edge) if t < slower]
+    places = (values[f"tau_{n}_s"], edge) if stands_in(simpler) else (values[f"tau_{n}_s"],)
+    found = [_held(fit, simpler, t, prior) for t in places if t < slower]
     return min((f for f in found if f is not None), key=lambda f: f.objective, default=None)
 
 
