@@ -60,7 +60,8 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     facts = facts_of(best.weighed.fit, seen.pieces, ready.limit, ready.resolution_m)
     step = sample_step_s(base)
     # what leaves a mismatch even with a gain of each recording says nothing of these
-    gains = gains_of(best.weighed.fit) if seen.loose and best.adequate else None
+    settled = best.adequate or best.below_a_step or naming.none.below_a_step
+    gains = gains_of(best.weighed.fit) if seen.loose and settled else None
     # a limit of the sensor cuts off noise as well
     uneven = uneven_scatter(seen.pieces, ready.resolution_m) if ready.limit is None else None
     swings = swinging(best.weighed.fit, ready.resolution_m)

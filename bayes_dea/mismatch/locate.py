@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ from scipy.sparse import csr_matrix
 from .features import HARMONICS, SINCE_EDGE, Features, features
 from .reduced import Piece
 from .refit import Fit
+from .size import STEP_M
 from .whitening import whiten
 
 Array = NDArray[np.float64]
@@ -127,11 +128,17 @@ class Scan:
     windows: tuple[Window, ...] = field(repr=False)
     reduced_chi2: float
     n: int
+    steps: float = math.inf  # the most that a window beyond the threshold shows, in steps of the sensor's resolution
 
     @property
     def detected(self) -> bool:
         """Whether a mismatch is found at the family-wise rate."""
         return self.p_value < FAMILY_WISE
+
+    @property
+    def nothing_claimed(self) -> bool:
+        """Whether it refutes no explanation, or by what is nowhere as much as the sensor resolves (CONTRACT 1)."""
+        return self.p_value > ADEQUATE or self.steps < 1.0
 
 
 @dataclass(frozen=True)
@@ -169,7 +176,10 @@ def places_of(pieces: Sequence[Piece], looks: Sequence[Features] | None = None) 
 
 def scan(fit: Fit, rng: np.random.Generator, places: Places | None = None, draws: int = _DRAWS) -> Scan:
     """Search a fit's residuals for a mismatch. places: those of its recordings, where they are known already."""
-    return _scan(residuals(fit), rng, places or places_of(fit.problem.pieces), draws)
+    places, res = places or places_of(fit.problem.pieces), residuals(fit)
+    sd = places.sd(res)
+    found = _scan(res, rng, places, draws, sd)
+    return replace(found, steps=_steps(fit, res, places, sd, found))
 
 
 def is_adequate(fit: Fit, rng: np.random.Generator, places: Places | None = None) -> bool:
@@ -181,11 +191,31 @@ def is_adequate(fit: Fit, rng: np.random.Generator, places: Places | None = None
     far = [k for k in np.argsort(size)[-_HIGHEST:] if size.size * math.erfc(size[k] / math.sqrt(2.0)) < _BEYOND_DOUBT]
     if far and np.any(Places(places.rows[far], tuple(places.windows[k] for k in far)).sd(res) > _ABSORBED):
         return False
-    return _scan(res, rng, places, _DRAWS).p_value > ADEQUATE
+    return _scan(res, rng, places, _DRAWS, places.sd(res)).p_value > ADEQUATE
 
 
-def _scan(res: Residuals, rng: np.random.Generator, places: Places, draws: int) -> Scan:
-    sd = places.sd(res)
+def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> float:
+    """The largest amplitude of what windows beyond the threshold show, in steps of each sensor's resolution.
+
+    A window of shape s that finds z, of what is left of it after the fit (sd), saw z / sd / |weights s| times s, in the
+    sd that the mean of many readings has for one of them.
+    """
+    beyond = np.flatnonzero(np.abs(found.z) > found.threshold)
+    if not beyond.size:
+        return 0.0
+    unit = np.zeros(res.e.size)
+    for i, piece in enumerate(fit.problem.pieces):
+        sigma, rho = fit.noise.of(piece)
+        step = piece.prepared.sensor.resolution or (STEP_M if piece.channel == "displacement" else 0.0)
+        unit[res.start[i] : res.start[i + 1]] = sigma * math.sqrt((1 + rho) / (1 - rho)) / step if step else math.inf
+    rows = places.rows[beyond]
+    weights = res.weights[rows.indices]
+    each = np.where(weights > 0, np.abs(rows.data) / np.where(weights > 0, weights, 1.0) * unit[rows.indices], 0.0)
+    peak = np.maximum.reduceat(each, rows.indptr[:-1])
+    return float(np.max(np.abs(found.z[beyond]) / np.maximum(sd[beyond], _ABSORBED) * peak))
+
+
+def _scan(res: Residuals, rng: np.random.Generator, places: Places, draws: int, sd: Array) -> Scan:
     use = sd > _ABSORBED
     scale = np.where(use, 1.0 / np.maximum(sd, _ABSORBED), 0.0)
     z = (places.rows @ res.e) * scale

@@ -52,6 +52,9 @@ Array = NDArray[np.float64]
 _VISIBLE = 5.0
 #: probability from which on it matters which of its modes a hypothesis calls the further one
 _WORTH_LABELLING = 0.01
+#: probability that a mismatch is nothing where a scan refutes the explanation just so; and that it is something all the
+#: same where it is below what the sensor resolves
+_LEFT = 0.2
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -69,6 +72,11 @@ class Explanation:
     def adequate(self) -> bool:
         """Whether nothing significant is left in its residuals, or only what is too small to be claimed."""
         return self.scan.p_value > ADEQUATE or self.small is not None
+
+    @property
+    def below_a_step(self) -> bool:
+        """Whether what is left is seen, and yet nowhere as much as the sensor resolves: no mismatch is claimed then."""
+        return not self.adequate and self.scan.nothing_claimed
 
 
 @dataclass(frozen=True)
@@ -262,7 +270,7 @@ def name_physics(
         known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, prior, say))
     evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds, prior)
     total = float(logsumexp(list(log_p.values())))
-    probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best)
+    probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best, none)
     labelled = {
         w.name: labellings(w, prior)
         for w in known.weighed.values()
@@ -306,8 +314,9 @@ def _log_probabilities(
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = known.share(w)
     evidence[UNKNOWN] = max(
-        e.weighed.log_evidence + e.discrepancy.gain for e in explained if e.discrepancy is not None
-    )
+        e.weighed.log_evidence + (min(e.discrepancy.gain, 0.0) if e.below_a_step else e.discrepancy.gain)
+        for e in explained if e.discrepancy is not None
+    )  # fmt: skip
     error[UNKNOWN] = 0.5
 
     def weights() -> dict[str, float]:
@@ -339,11 +348,19 @@ def weigh_delay(
     return weighed[DELAY].log_evidence + math.log(prior_odds()["single"] / max(len(names), 1))
 
 
-def _with_adequacy(probability: dict[str, float], best: Explanation) -> dict[str, float]:
-    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown."""
+def _with_adequacy(probability: dict[str, float], best: Explanation, none: Explanation) -> dict[str, float]:
+    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown.
+
+    But for one that is nowhere as much as the sensor resolves, which is not claimed (CONTRACT 1): what is left by the
+    best explanation then, or by the model alone.
+    """
     if best.adequate:
         return probability
-    left = min(1.0, best.scan.p_value / ADEQUATE) * 0.2
+    if none.below_a_step:
+        return {k: 1.0 - _LEFT if k == NONE else _LEFT if k == UNKNOWN else 0.0 for k in probability}
+    if best.below_a_step:
+        return probability
+    left = min(1.0, best.scan.p_value / ADEQUATE) * _LEFT
     named = sum(v for k, v in probability.items() if k != UNKNOWN)
     if named <= left:
         return probability

@@ -16,7 +16,7 @@ from ..campaign.schema import Campaign
 from .features import features
 from .grid import Screened
 from .hypotheses import UNKNOWN
-from .locate import is_adequate
+from .locate import is_adequate, scan
 from .name import Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior
 from .own_gains import MOVED, own_gains, worth_a_search
@@ -71,7 +71,7 @@ def sought(
         other = seen.copy()
         other.take(Rereading(seen.base, 0.0, gains=True))
         again = named(other)
-        if again.best.adequate:
+        if again.best.adequate or again.best.below_a_step or again.none.below_a_step:
             return other, again
     return seen, naming
 
@@ -184,7 +184,7 @@ def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, 
     likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
     for fit in {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}.values():
         loose = own_gains(fit, pieces, prior)
-        if loose is not None and worth_a_search(fit, loose, prior, lambda f: is_adequate(f, rng)):
+        if loose is not None and worth_a_search(fit, loose, prior, lambda f: scan(f, rng).nothing_claimed):
             return True
     return False
 

@@ -1,6 +1,7 @@
 """A sensor whose gain differs from recording to recording hides no physics, and is none."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def test_gains_are_read_with_their_errors():
     loose = own_gains(fit, fit.problem.pieces, prior)
     assert loose is not None
     assert loose.log_evidence > fit.log_evidence + 100.0
-    assert worth_a_search(fit, loose, prior)
+    assert worth_a_search(fit, loose, prior, lambda _: False)
     assert own_gains(loose, apart(fit.problem.pieces), prior) is None  # they are apart already
     found = gains_of(loose)
     expected = FACTORS / np.exp(np.mean(np.log(FACTORS)))
@@ -49,7 +50,17 @@ def test_one_gain_is_enough_where_there_is_one():
     fit, prior = fitted(concealed(validate=False))
     loose = own_gains(fit, fit.problem.pieces, prior)
     assert loose.log_evidence < fit.log_evidence
-    assert not worth_a_search(fit, loose, prior)
+    assert not worth_a_search(fit, loose, prior, lambda _: True)  # likelier it has to be
+
+
+def test_gains_are_worth_a_search_where_they_leave_nothing_to_be_seen(monkeypatch):
+    """However little that is of what noise has beyond its stated level."""
+    before, after = SimpleNamespace(log_evidence=0.0, left=350.0), SimpleNamespace(log_evidence=80.0, left=220.0)
+    monkeypatch.setattr("bayes_dea.mismatch.own_gains.excess", lambda fit, _: fit.left)
+    assert not worth_a_search(before, after, None, lambda _: False)
+    assert worth_a_search(before, after, None, lambda fit: fit is after)
+    assert worth_a_search(before, SimpleNamespace(log_evidence=80.0, left=150.0), None, lambda _: False)
+    assert not worth_a_search(before, SimpleNamespace(log_evidence=2.0, left=150.0), None, lambda _: True)
 
 
 def test_nothing_is_left_out_of_a_model_whose_recordings_have_gains_of_their_own():
