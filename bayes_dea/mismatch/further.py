@@ -87,15 +87,8 @@ def beside(
 
     reached: the value (see `Weighed`) of the best that is known already.
     """
-    rest = names_beside(best, names)
-    overrides = {**overrides, **law_of(best)}
-
     def on_grids(frames: Sequence[Frame]) -> list[Screened]:
-        found = []
-        for k, name in enumerate(rest):
-            say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
-            found += beside_these(frames, best.effects, name, model, overrides)
-        return found
+        return _each_beside(frames, best, model, names, overrides, say)
 
     left, promised = excess(best.fit, prior), LEAST_GAIN if len(best.effects) < 2 else _THIRD
     found = on_grids([Frame(best.fit)])
@@ -113,6 +106,26 @@ def beside(
         best.fit, found, prior, say, 1, rng, left=left, adequate=adequate, best=reached, least=promised
     )
     return list((weighed or {}).values())
+
+
+def promised_beside(
+    best: Weighed, model: Model, names: list[str], overrides: Mapping[str, object], say: Report
+) -> float:
+    """Nats that a grid promises at most for a further effect beside the ones found."""
+    found = _each_beside([Frame(best.fit)], best, model, names, overrides, say)
+    return max((s.promise for s in found), default=0.0)
+
+
+def _each_beside(
+    frames: Sequence[Frame], best: Weighed, model: Model, names: list[str], overrides: Mapping[str, object], say: Report
+) -> list[Screened]:
+    """Every further effect on its grid."""
+    rest, laws = names_beside(best, names), {**overrides, **law_of(best)}
+    found = []
+    for k, name in enumerate(rest):
+        say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
+        found += beside_these(frames, best.effects, name, model, laws)
+    return found
 
 
 def widened(

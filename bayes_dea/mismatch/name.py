@@ -29,6 +29,7 @@ from .further import (
     from_the_leader,
     in_place_of_the_first,
     merged,
+    promised_beside,
     second_thoughts,
 )
 from .grid import Screened
@@ -55,6 +56,8 @@ _WORTH_LABELLING = 0.01
 #: probability that a mismatch is nothing where a scan refutes the explanation just so; and that it is something all the
 #: same where it is below what the sensor resolves
 _LEFT = 0.2
+#: share of what is left that a grid promises for an effect which is in the recordings, at least
+_PROMISES = 1.0 / 3.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -124,8 +127,12 @@ def name_physics(
     memory: dict[str, Screened] | None = None,
     unseen: Sequence[Piece] = (),
     begun: Sequence[Fit] = (),
+    otherwise: Callable[[Fit], float] | None = None,
 ) -> Naming | None:
     """Weigh all hypotheses on the recordings to identify.
+
+    otherwise: nats of what an explanation leaves that another reading of the recordings would take. Further effects are
+    looked for only where a grid promises a third of that; they are sought under that reading then.
 
     unseen: recordings to validate, of which the commands alone are used: an effect is as large as on the recording of
     the campaign that it moves most (CONTRACT 1).
@@ -212,6 +219,9 @@ def name_physics(
             # one that adds nothing to what is enough without it is no rival of that
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
+            elsewise = otherwise(start.fit) if otherwise is not None else 0.0
+            if elsewise > 0.0 and promised_beside(start, model, names, given, say) < _PROMISES * elsewise:
+                break
             start, more = beside_the_leader(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
             )
@@ -246,7 +256,7 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
-    if best is none and not best.adequate and not ranked:
+    if best is none and not best.adequate and not ranked and not (otherwise is not None and otherwise(base) > 0.0):
         # two effects, each less than the sensor resolves, may leave more than noise between them
         small = max((w for w in known.weighed.values() if w.refitted), key=known.weight, default=none.weighed)
         if known.weight(small) > none.weighed.log_evidence + LEAST_GAIN:

@@ -99,6 +99,7 @@ def _named(
             memory=memory,
             unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
+            otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, ready.prior, rng),
         )
         if found is not None:
             break
@@ -182,11 +183,16 @@ def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, 
     """
     refitted = (w for w in naming.weighed.values() if w.refitted)
     likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
-    for fit in {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}.values():
-        loose = own_gains(fit, pieces, prior)
-        if loose is not None and worth_a_search(fit, loose, prior, lambda f: scan(f, rng).nothing_claimed):
-            return True
-    return False
+    fits = {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}
+    return any(_taken_by_gains(fit, pieces, prior, rng) > 0.0 for fit in fits.values())
+
+
+def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> float:
+    """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
+    loose = own_gains(fit, pieces, prior)
+    if loose is None or not worth_a_search(fit, loose, prior, lambda f: scan(f, rng).nothing_claimed):
+        return 0.0
+    return max(fit.objective - loose.objective, 0.0)
 
 
 def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
