@@ -43,12 +43,12 @@ def contradiction(
     together = refit(problem, opened.q, corrected.noise, prior, known=_known(opened, problem))
     if together is None:
         return 0.0
-    p_value = scan(together, rng).p_value
-    if p_value > ADEQUATE and limit is None:
-        # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
-        swings = swinging(together, resolution)
-        p_value = p_value if swings is None else swings.p_value
-    return p_value if p_value <= ADEQUATE else None
+    found = scan(together, rng)
+    if not found.nothing_claimed:
+        return found.p_value
+    # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
+    swings = swinging(together, resolution) if limit is None else None
+    return swings.p_value if swings is not None and swings.p_value <= ADEQUATE else None
 
 
 def _known(fit: Fit, problem: Problem) -> Linearisation | None:

@@ -11,11 +11,9 @@ from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.locate import scan
 
 
-def wavering(resolution_m, amplitude_m=1e-6):
-    """A campaign whose sensor wavers with 7.3 s in one creep, as nothing on the list does."""
-    c = with_column(
-        concealed(), "creep_1200V.csv", lambda y, r: y + amplitude_m * np.sin(2 * np.pi * r.time_s / 7.3)
-    )
+def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3):
+    """A campaign whose sensor wavers by 1 um in one recording, as nothing on the list does."""
+    c = with_column(concealed(), name, lambda y, r: y + 1e-6 * np.sin(2 * np.pi * r.time_s / period_s))
     coarse = replace(c.sensors["displacement"], resolution=resolution_m)
     return replace(c, sensors={**c.sensors, "displacement": coarse})
 
@@ -30,6 +28,13 @@ def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resoluti
     if verdict == "none":
         assert s["confidence"] <= 0.8
         assert "less than one resolution step" in s["statement"]
+
+
+@pytest.mark.parametrize(("resolution_m", "seen"), [(0.15e-6, True), (2e-6, False)])
+def test_on_recordings_to_validate_it_contradicts_nothing(resolution_m, seen):
+    s = diagnose(wavering(resolution_m, "sine_1Hz.csv", 1.7), "hooke+gm3").summary
+    assert any("recordings to validate" in w for w in s["warnings"]) == seen
+    assert seen or s["verdict"] == "none"
 
 
 @pytest.fixture(scope="module")
