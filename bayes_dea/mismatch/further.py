@@ -388,7 +388,8 @@ def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Wei
     for known in explanations:
         model = known.problem.model
         problem = base.problem.with_model(model)
-        if known.q.size != problem.dimension:  # other parameters than these recordings have
+        # the base itself, or one with other parameters than these recordings have
+        if model.name == base.problem.model.name or known.q.size != problem.dimension:
             continue
         start = Weighed((), replace(known, problem=problem), known.log_evidence, 0.1, 0.0)
         found = within(start, base, model, prior)

@@ -63,14 +63,15 @@ def sought(
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
-        begun = _begun(naming, seen.pieces, prior) if reread.gains else []
+        begun = (_begun(naming, seen.pieces, prior) or [reread.base]) if reread.gains else []
         seen.take(reread)
         naming = named(seen, begun)
-    if not naming.best.adequate and _gains_matter(naming, seen.pieces, prior, rng):
+    loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, prior, rng)
+    if loosened:
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
         other.take(Rereading(seen.base, 0.0, gains=True))
-        again = named(other)
+        again = named(other, loosened)
         if again.best.adequate or again.best.below_a_step or again.none.below_a_step:
             return other, again
     return seen, naming
@@ -176,23 +177,30 @@ def _with_own_gains(
     return out
 
 
-def _gains_matter(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> bool:
-    """Whether a gain of each recording takes away much of what the base, or the best explanation, leaves.
-
-    Or the likeliest, which may be too small to be claimed. Much is all that can be seen, too.
-    """
+def _with_gains_that_matter(
+    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator
+) -> list[Fit]:
+    """The base, the best explanation and the likeliest, which may be too small to be claimed, with a gain of each
+    recording; those of which that takes much, or all that can be seen."""
     refitted = (w for w in naming.weighed.values() if w.refitted)
     likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
     fits = {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}
-    return any(_taken_by_gains(fit, pieces, prior, rng) > 0.0 for fit in fits.values())
+    loosened = [_loosened(fit, pieces, prior, rng) for fit in fits.values()]
+    return [fit for fit in loosened if fit is not None]
 
 
 def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> float:
     """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
+    loose = _loosened(fit, pieces, prior, rng)
+    return 0.0 if loose is None else max(fit.objective - loose.objective, 0.0)
+
+
+def _loosened(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> Fit | None:
+    """An explanation with a gain of each recording, where these are worth a search; else None."""
     loose = own_gains(fit, pieces, prior)
     if loose is None or not worth_a_search(fit, loose, prior, lambda f: scan(f, rng).nothing_claimed):
-        return 0.0
-    return max(fit.objective - loose.objective, 0.0)
+        return None
+    return loose
 
 
 def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:

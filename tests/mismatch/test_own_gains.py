@@ -8,6 +8,7 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 from test_campaign_faults import with_column
 
+from bayes_dea.mismatch import sought
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.own_gains import apart, gains_of, own_gains, worth_a_search
 from bayes_dea.mismatch.refit import refit
@@ -78,13 +79,23 @@ def test_nothing_is_left_out_of_a_model_whose_recordings_have_gains_of_their_own
 
 
 @pytest.mark.long
-def test_physics_is_named_beside_them():
-    hidden = {"series_resistance": {"R_s_ohm": 4e5}}
+def test_physics_is_named_beside_them(monkeypatch):
+    hidden, begun = {"series_resistance": {"R_s_ohm": 4e5}}, []
+    plain = sought.name_physics
+
+    def watched(*args, **known):
+        begun.append([fit.problem.model.spec.effects for fit in known["begun"]])
+        return plain(*args, **known)
+
+    monkeypatch.setattr(sought, "name_physics", watched)
     s = diagnose(resized(concealed(hidden), FACTORS), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "series_resistance", s["statement"]
     assert "gain differs" in s["statement"]
     own = s["hypotheses"][0]["parameters"]["R_s_ohm"]
     assert abs(own["mean"] - 4e5) < 4.0 * own["sd"]
+    # what gains have shown to be enough is known of when the search begins anew with them
+    assert begun[0] == []
+    assert ("series_resistance",) in begun[1]
 
 
 @pytest.mark.long
