@@ -111,7 +111,8 @@ def diagnose(
             if first.contradiction is not None:
                 say("looking again", 0, 1, "the recordings to validate contradict the verdict")
                 everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
-                second = _once(everything, model, seed, s, say, priors, journal, in_turn, first.loose)
+                known = (first.naming.best.weighed.fit,)
+                second = _once(everything, model, seed, s, say, priors, journal, in_turn, first.loose, known)
             result = first if second is None else _decided(first, second, campaign)
     finally:
         journal.close()
@@ -149,13 +150,14 @@ def _once(
     journal: Journal,
     in_turn: tuple[str, ...] = (),
     loose: bool = False,
+    known: tuple[Fit, ...] = (),
 ) -> Diagnosis:
     """One diagnosis. in_turn: recordings to identify that the proof leaves out in turn, where none is to validate;
-    loose: see `sought`."""
+    loose, known: see `sought`."""
     lap = Laps()
     r_map, r_name, r_look, r_draw = np.random.default_rng(seed).spawn(4)
     ready = prepared(campaign, model, s.map, s.workers, r_map, journal, say, lap)
-    seen, naming = sought(ready, priors, s.most_effects, r_name, say, loose)
+    seen, naming = sought(ready, priors, s.most_effects, r_name, say, loose, known)
     lap("name")
     found = judged(ready, seen, naming)
     ruling, base, corrected = found.ruling, found.base, found.corrected

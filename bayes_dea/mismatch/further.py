@@ -388,10 +388,12 @@ def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Wei
     for known in explanations:
         model = known.problem.model
         problem = base.problem.with_model(model)
-        # the base itself, or one with other parameters than these recordings have
-        if model.name == base.problem.model.name or known.q.size != problem.dimension:
+        if model.name == base.problem.model.name:
             continue
-        start = Weighed((), replace(known, problem=problem), known.log_evidence, 0.1, 0.0)
+        # recordings that come in bring zeros of their own
+        own = base.q[base.problem.model.dimension :]
+        q = known.q if known.q.size == problem.dimension else np.concatenate([known.q[: model.dimension], own])
+        start = Weighed((), replace(known, problem=problem, q=q), known.log_evidence, 0.1, 0.0)
         found = within(start, base, model, prior)
         if found is not None:
             out.append(found)

@@ -33,15 +33,18 @@ from .telling import Tell, silence
 _BY_FAR = 100.0
 #: nats behind the best explanation within which others are known of when the search begins anew
 _RIVAL = 30.0
+#: how many are, where the best leaves something
+_FEW = 3
 
 
 def sought(
     ready: Prepared, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator, say: Report,
-    loose: bool = False,
+    loose: bool = False, known: Sequence[Fit] = (),
 ) -> tuple[Seen, Naming]:
     """What was left out, and the recordings as they were read in the end.
 
-    loose: a part of the recordings has shown already that nothing explains them without a gain of each.
+    loose: a part of the recordings has shown already that nothing explains them without a gain of each; known: what
+    explains that part.
     """
     seen, prior = ready.seen, ready.prior
 
@@ -57,13 +60,13 @@ def sought(
         seen.take(retimed)
     if loose:
         seen.take(Rereading(seen.base, 0.0, gains=True))
-    naming = named(seen)
+    naming = named(seen, known)
     reread = _reread(naming, seen.pieces, prior, rng, tell)
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
-        begun = (_begun(naming, seen.pieces, prior) or [reread.base]) if reread.gains else []
+        begun = [*_begun(naming, seen.pieces, prior), reread.base] if reread.gains else []
         seen.take(reread)
         naming = named(seen, begun)
     loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, prior, rng)
@@ -204,10 +207,19 @@ def _loosened(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.ra
 
 
 def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
-    """The best explanation and its rivals with a gain of each recording, for a search with these to know of."""
-    if not naming.best.weighed.effects or not naming.best.adequate:
-        return []
-    least = naming.log_weight[naming.best.weighed.name] - _RIVAL
-    near = [w for w in naming.weighed.values() if w.refitted and naming.log_weight.get(w.name, -math.inf) > least]
-    fits = [own_gains(w.fit, pieces, prior) for w in near if w.effects]
+    """The best explanation and its rivals with a gain of each recording, for a search with these to know of.
+
+    Where it leaves something, which gains take, evidences without them say little: the likeliest few with as many
+    effects.
+    """
+    best = naming.best
+    refitted = [w for w in naming.weighed.values() if w.refitted and w.effects]
+    if best.weighed.effects and best.adequate:
+        least = naming.log_weight[best.weighed.name] - _RIVAL
+        near = [w for w in refitted if naming.log_weight.get(w.name, -math.inf) > least]
+    else:
+        count = max(len(best.weighed.effects), 1)
+        as_many = sorted((w for w in refitted if len(w.effects) == count), key=lambda w: -w.log_evidence)
+        near = as_many[:_FEW]
+    fits = [own_gains(w.fit, pieces, prior) for w in near]
     return [fit for fit in fits if fit is not None]
