@@ -210,7 +210,7 @@ def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> 
         unit[res.start[i] : res.start[i + 1]] = sigma * math.sqrt((1 + rho) / (1 - rho)) / step if step else math.inf
     rows = places.rows[beyond]
     weights = res.weights[rows.indices]
-    each, shown = np.zeros(weights.size), weights > 0
+    each, shown = np.zeros(weights.size), (weights > 0) & (rows.data != 0)
     each[shown] = np.abs(rows.data[shown]) / weights[shown] * unit[rows.indices[shown]]
     peak = np.maximum.reduceat(each, rows.indptr[:-1])
     return float(np.max(np.abs(found.z[beyond]) / np.maximum(sd[beyond], _ABSORBED) * peak))

@@ -144,14 +144,15 @@ def test_a_second_look_begins_with_the_gains_that_the_first_one_needed(monkeypat
     begun = []
 
     def once(*args):
-        begun.append(args[-1] if isinstance(args[-1], bool) else None)
+        begun.append(args[-2:] if isinstance(args[-2], bool) else None)
         against = 1e-9 if len(begun) == 1 else None
-        return SimpleNamespace(contradiction=against, loose=True, summary={})
+        found = SimpleNamespace(best=SimpleNamespace(weighed=SimpleNamespace(fit="its explanation")))
+        return SimpleNamespace(contradiction=against, loose=True, summary={}, naming=found)
 
     monkeypatch.setattr(diagnosis, "_once", once)
     monkeypatch.setattr(diagnosis, "_decided", lambda first, second, campaign: second)
     diagnose(concealed(), "hooke+gm3")
-    assert begun == [None, True]
+    assert begun == [None, (True, ("its explanation",))]
 
 
 @pytest.mark.long
