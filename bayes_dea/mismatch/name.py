@@ -53,9 +53,10 @@ Array = NDArray[np.float64]
 _VISIBLE = 5.0
 #: probability from which on it matters which of its modes a hypothesis calls the further one
 _WORTH_LABELLING = 0.01
-#: probability that a mismatch is nothing where a scan refutes the explanation just so; and that it is something all the
-#: same where it is below what the sensor resolves
+#: probability that a mismatch is nothing where a scan refutes the explanation just so
 _LEFT = 0.2
+#: probability that one below what the sensor resolves is something all the same
+_SOMETHING = 0.2
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
@@ -173,6 +174,9 @@ def name_physics(
     known.take_from_elsewhere(again(begun, base, prior))
     considered: list[Weighed] = []
 
+    def elsewise(fit: Fit) -> float:
+        return otherwise(fit) if otherwise is not None else 0.0
+
     def left(done: float, of: float, text: str) -> None:
         say("checking what is left", done, of, text)
 
@@ -219,8 +223,8 @@ def name_physics(
             # one that adds nothing to what is enough without it is no rival of that
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
-            elsewise = otherwise(start.fit) if otherwise is not None else 0.0
-            if elsewise > 0.0 and promised_beside(start, model, names, given, say) < _PROMISES * elsewise:
+            taken = elsewise(start.fit)
+            if taken > 0.0 and promised_beside(start, model, names, given, say) < _PROMISES * taken:
                 break
             start, more = beside_the_leader(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
@@ -256,7 +260,7 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
-    if best is none and not best.adequate and not ranked and not (otherwise is not None and otherwise(base) > 0.0):
+    if best is none and not best.adequate and not ranked and elsewise(base) <= 0.0:
         # two effects, each less than the sensor resolves, may leave more than noise between them
         small = max((w for w in known.weighed.values() if w.refitted), key=known.weight, default=none.weighed)
         if known.weight(small) > none.weighed.log_evidence + LEAST_GAIN:
@@ -367,7 +371,7 @@ def _with_adequacy(probability: dict[str, float], best: Explanation, none: Expla
     if best.adequate:
         return probability
     if none.below_a_step:
-        return {k: 1.0 - _LEFT if k == NONE else _LEFT if k == UNKNOWN else 0.0 for k in probability}
+        return {k: 1.0 - _SOMETHING if k == NONE else _SOMETHING if k == UNKNOWN else 0.0 for k in probability}
     if best.below_a_step:
         return probability
     left = min(1.0, best.scan.p_value / ADEQUATE) * _LEFT

@@ -21,7 +21,7 @@ def sample_step_s(fit: Fit) -> float:
     return min((p.prepared.step_s for p in fit.problem.pieces if p.channel == "displacement"), default=0.0)
 
 
-def delay_s(fit: Fit) -> float | None:
+def delay_of(fit: Fit) -> float | None:
     """The delay (s) at a fit, its median; None where it has none that is free."""
     found = _log_delay(fit)
     return None if found is None else math.exp(found[0])

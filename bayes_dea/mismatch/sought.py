@@ -66,7 +66,7 @@ def sought(
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
-        begun = [*_begun(naming, seen.pieces, prior), reread.base] if reread.gains else []
+        begun = _begun(naming, seen.pieces, prior, reread.base) if reread.gains else []
         seen.take(reread)
         naming = named(seen, begun)
     loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, prior, rng)
@@ -206,11 +206,11 @@ def _loosened(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.ra
     return loose
 
 
-def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[Fit]:
+def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, found: Fit) -> list[Fit]:
     """The best explanation and its rivals with a gain of each recording, for a search with these to know of.
 
     Where it leaves something, which gains take, evidences without them say little: the likeliest few with as many
-    effects.
+    effects. found: one that has its gains already.
     """
     best = naming.best
     refitted = [w for w in naming.weighed.values() if w.refitted and w.effects]
@@ -221,5 +221,6 @@ def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior) -> list
         count = max(len(best.weighed.effects), 1)
         as_many = sorted((w for w in refitted if len(w.effects) == count), key=lambda w: -w.log_evidence)
         near = as_many[:_FEW]
-    fits = [own_gains(w.fit, pieces, prior) for w in near]
-    return [fit for fit in fits if fit is not None]
+    model = found.problem.model
+    others = [own_gains(w.fit, pieces, prior) for w in near if w.fit.problem.model.name != model.name]
+    return [found, *(fit for fit in others if fit is not None)]

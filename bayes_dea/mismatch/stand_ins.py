@@ -16,6 +16,7 @@ from .descent import bounds
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 from .relabel import FAST_STEPS, stands_in
+from .relocate import with_modes
 
 
 def with_true_modes(fit: Fit, simpler: Fit, prior: NoisePrior) -> Fit | None:
@@ -41,11 +42,9 @@ def _held(fit: Fit, simpler: Fit, fastest_s: float, prior: NoisePrior) -> Fit | 
     own: dict[str, Parameter | Prior] = {p.name: p for p in model.parameters}
     held = Prior("fixed", fastest_s)
     problem = fit.problem.with_model(build_model(model.name, {**own, f"tau_{model.spec.elements}_s": held}))
-    free = problem.model.priors.free
-    if any(p.name not in values for p in free):
+    if not set(problem.model.priors.names) <= set(values):
         return None
-    x = np.array([[p.prior.to_coordinate(values[p.name]) for p in free]])
-    q = np.concatenate([problem.model.from_prior_coordinates(x)[0], fit.q[fit.problem.model.dimension :]])
+    q = with_modes(fit, problem.model, values, [])
     if not np.isfinite(q).all():
         return None
     low, high = bounds(problem)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from .hypotheses import DELAY, NONE
 from .name import Naming
-from .phase import delay_s, share_below
+from .phase import delay_of, share_below
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def as_timing(probability: dict[str, float], naming: Naming) -> Shift:
         if DELAY not in parts or name not in naming.weighed:
             continue
         fit = naming.weighed[name].fit
-        delay = delay_s(fit)
+        delay = delay_of(fit)
         if delay is None:  # not refitted: it is far behind
             continue
         bare = "+".join(x for x in parts if x != DELAY) or NONE

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from bayes_dea.mismatch.phase import delay_s, phase_odds, share_below
+from bayes_dea.mismatch.phase import delay_of, phase_odds, share_below
 from bayes_dea.priors import Prior
 
 STEP, LEAST, MOST = 1e-3, 5e-6, 0.05
@@ -48,7 +48,7 @@ def test_at_one_sample_both_sides_count():
 def test_above_a_sample_nothing_changes():
     assert phase_odds(late(6e-3, 0.1)) == pytest.approx(1.0)
     assert share_below(late(6e-3, 0.1)) == pytest.approx(0.0)
-    assert delay_s(late(6e-3, 0.1)) == pytest.approx(6e-3)
+    assert delay_of(late(6e-3, 0.1)) == pytest.approx(6e-3)
 
 
 def test_a_prior_of_the_users_own_stays():
@@ -60,5 +60,5 @@ def test_a_prior_of_the_users_own_stays():
 def test_a_fit_without_a_delay_has_none():
     fit = late(1e-5, 0.1)
     fit.problem.model.priors.free.pop()
-    assert delay_s(fit) is None
+    assert delay_of(fit) is None
     assert (phase_odds(fit), share_below(fit)) == (1.0, 0.0)

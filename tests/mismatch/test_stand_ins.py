@@ -59,4 +59,3 @@ def test_of_the_places_for_that_mode_the_better_counts(diagnosed):
     stays = _held(fit, base, fit.values()["tau_3_s"], _prior(result))
     assert held.objective < stays.objective
     assert STEP_M < effect_size(held, fit) < effect_size(stays, fit)
-
