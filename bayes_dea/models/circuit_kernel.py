@@ -29,10 +29,10 @@ def straight(z):
 
 
 @inline
-def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
+def charge(charges, leaks, c_eps, prompt, e0, e1, v0, u0, u1):
     """Volts on the dielectric at the end of a step, their mean, the mean of their square, and d(end)/d(e1); then the
-    course behind them, the part that dies from the start, c exp(-z t/h), beside a line l: z, c, start and rise of l.
-    c = 0 where all is straight.
+    course behind them, the part that dies from the start, c exp(-z t/h), beside a line l: z, c, start and rise of l;
+    then exp(-z) and (1 - exp(-z))/z. c = 0 where all is straight. charges: h/(R C0); leaks: 1 + R/R_l.
 
     V' = (V_s - V)/(R C) - V/(R_l C) - V C'/C with the capacitance C0 (1 - e)^-2 (1 + c e) of the middle strain and
     the supply V_s straight from u0 to u1. What charges within the step moves the film at once by `prompt` (1/V^2) times
@@ -41,10 +41,13 @@ def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
     """
     em = 0.5 * (e0 + e1)
     room = 1.0 - em
-    cm = c0 * (1.0 + c_eps * em) / (room * room)
-    slope = 2.0 / room + c_eps / (1.0 + c_eps * em)
-    feed = h / (rs * cm)
-    x = feed + h / (rl * cm)
+    feed = charges * room * room
+    slope = 2.0 / room
+    if c_eps != 0.0:
+        stretched = 1.0 / (1.0 + c_eps * em)
+        feed *= stretched
+        slope += c_eps * stretched
+    x = feed * leaks
     du = u1 - u0
     z = x + slope * (e1 - e0)
     if abs(z) < 0.02 or x < 0.02:
@@ -56,47 +59,53 @@ def charge(rs, rl, c0, c_eps, prompt, h, e0, e1, v0, u0, u1):
         end = a * v0 + feed * (u0 * p1 + du * p2)
         mean = p1 * v0 + feed * (u0 * p2 + du * p3)
         square = (v0 * v0 + v0 * end + end * end) / 3.0
-        return end, mean, square, -end * p1 * slope, z, 0.0, v0, end - v0
+        return end, mean, square, -end * p1 * slope, z, 0.0, v0, end - v0, a, p1
     a = math.exp(-x)
     first = second = 0.0
     if prompt > 0.0:
-        l0 = feed * u0 / x
-        l1 = feed * du / x * (1.0 - (1.0 - a) / x)
+        per_x = 1.0 / x
+        l0 = feed * u0 * per_x
+        l1 = feed * du * per_x * (1.0 - (1.0 - a) * per_x)
         c = v0 - l0
         first = 2.0 * prompt * (l0 + 0.5 * l1) * c * (a - 1.0)
         second = prompt * c * c * (a * a - 1.0)
         z -= slope * (first + second)
-    a = math.exp(-z)
-    p1 = (1.0 - a) / z
-    p2 = (1.0 - p1) / z
-    p3 = (0.5 - p2) / z
+    # next to the one above: no further exponential
+    d = x - z
+    a *= 1.0 + d * (1.0 + d * (0.5 + d * (1.0 / 6.0 + d / 24.0))) if abs(d) < 1e-3 else math.exp(d)
+    per_z = 1.0 / z
+    p1 = (1.0 - a) * per_z
+    p2 = (1.0 - p1) * per_z
+    p3 = (0.5 - p2) * per_z
     end = a * v0 + feed * (u0 * p1 + du * p2)
     mean = p1 * v0 + feed * (u0 * p2 + du * p3)
     # a straight line and a transient; in a short step both are far larger than what they add up to
-    rise = feed * du / z
-    base = (feed * u0 - rise) / z
+    rise = feed * du * per_z
+    base = (feed * u0 - rise) * per_z
     c = v0 - base
-    square = (base * base + base * rise + rise * rise / 3.0
-              + 2.0 * c * (base * p1 + rise * (p1 - a) / z) + c * c * (1.0 - a * a) / (2.0 * z))
+    square = (base * base + base * rise + rise * rise * (1.0 / 3.0)
+              + 2.0 * c * (base * p1 + rise * (p1 - a) * per_z) + 0.5 * c * c * (1.0 + a) * p1)
     # what the supply's slope does is even along the step: l0 to l0 + l1; what is left dies from the start
-    l0, l1 = feed * u0 / z, rise * (1.0 - p1)
+    l0, l1 = feed * u0 * per_z, rise * (1.0 - p1)
     c = v0 - l0
     dv = -end * p1 * slope
     if prompt > 0.0:
-        less = slope * mean * (first * ((1.0 - a) / z - a) / (1.0 - a) + second * p1 / (1.0 + a))
-        end -= slope * a * (first * mean / p1 + second * (2.0 * (l0 + 0.5 * l1) / (1.0 + a) + c))
+        lost, both = 1.0 - a, 1.0 + a
+        share = 1.0 / (lost * both)
+        less = slope * mean * (first * (p1 - a) * both + second * p1 * lost) * share
+        end -= slope * a * (first * mean * z * both * share + second * (2.0 * (l0 + 0.5 * l1) * lost * share + c))
         square -= 2.0 * mean * less
         mean -= less
-    return end, mean, square, dv, z, c, l0, l1
+    return end, mean, square, dv, z, c, l0, l1, a, p1
 
 
 @inline
 def leaking(leak, active, thickness, rs, v):
-    """Of a conductance that the field activates (Poole and Frenkel), about v volts: resistance of its tangent (ohm),
-    what the rest of its current is worth at the supply (V), and the bend of the current, v^2/i d2i/dv2."""
-    r = math.sqrt(abs(v) / thickness / active)
+    """Of a conductance that the field activates (Poole and Frenkel), about v volts: its tangent (1/ohm), what the rest
+    of its current is worth at the supply (V), and the bend of the current, v^2/i d2i/dv2."""
+    r = math.sqrt(abs(v) / (thickness * active))
     slope = math.exp(r) / leak
-    return 1.0 / (slope * (1.0 + 0.5 * r)), 0.5 * rs * slope * r * v, 0.25 * r * (1.0 + r)
+    return slope * (1.0 + 0.5 * r), 0.5 * rs * slope * r * v, 0.25 * r * (1.0 + r)
 
 
 @inline

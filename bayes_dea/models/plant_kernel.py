@@ -77,21 +77,21 @@ _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 MODES = 28
 #: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
 _SUMS = 24
-_TABLE = 5 * MODES + _SUMS
+_TABLE = 6 * MODES + _SUMS
 A_C = BEYOND + 34
 A_T = A_C + MODES
 A_X = A_T + MODES
 A_TABLES = A_X + MODES
 SIZE = A_TABLES + 2 * _TABLE
 # ---- of a table: what stays of modes, weights of the stress's start and end, what stays to the middle, weight of what
-# the stress in the middle is beside its line; then sums
-_KEEP, _W0, _W1, _HALF, _WM = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES
+# the stress in the middle is beside its line, length of the step in time constants; then sums
+_KEEP, _W0, _W1, _HALF, _WM, _LONG = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES, 5 * MODES
 (
     _S0, _S1, _SM, _U0, _U1, _ALL,  # sums of weights, to the end and to the middle; of what a step can do at all
     _BOW,  # strain (1/Pa) at the end by a parabola that is taken as a line, at most
     _KR, _KI, _AR, _AI, _BR, _BI, _MR, _MI, _HR, _HI,  # the pair: what stays, weights, what stays to the middle
     _Q0, _Q1, _Q2, _P0, _P1, _P2,  # stored charge, polarisation
-) = range(5 * MODES, 5 * MODES + 23)
+) = range(6 * MODES, 6 * MODES + 23)
 
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
 _STRAIGHT_TOLERANCE = 1e-5  # the same where only the circuit bends: about a hundredth is left
@@ -138,6 +138,7 @@ def _fill_table(w, tab, h):
         half, u0, u1, _ = _lag(0.5 * h / w[A_T + j])
         tab[_KEEP + j], tab[_W0 + j], tab[_W1 + j], tab[_HALF + j] = stays, c * first, c * second, half
         tab[_WM + j] = c * beside
+        tab[_LONG + j] = h / w[A_T + j]
         tab[_SM] += c * beside
         tab[_S0] += c * first
         tab[_S1] += c * second
@@ -180,12 +181,17 @@ def _front(w, h):
 
 
 @inline
-def _dying(z, keep, x, left):
-    """What a mode of z time constants in a step has at its end of exp(-x t/h), which has `left` left there then."""
-    d = z - x
+def _dying(z, keep, x, left, first, second):
+    """What a mode of z time constants in a step has at its end of first exp(-x t/h) + second exp(-2 x t/h).
+
+    left: what exp(-x t/h) is there then.
+    """
+    d, d2 = z - x, z - 2.0 * x
     if abs(d) < 1e-3:
-        return left * z * (1.0 - d * (0.5 - d / 6.0))
-    return z * (left - keep) / d
+        return z * (first * left * (1.0 - d * (0.5 - d / 6.0)) + second * (left * left - keep) / d2)
+    if abs(d2) < 1e-3:
+        return z * (first * (left - keep) / d + second * left * left * (1.0 - d2 * (0.5 - d2 / 6.0)))
+    return z * (first * (left - keep) * d2 + second * (left * left - keep) * d) / (d * d2)
 
 
 @_jit
@@ -214,7 +220,8 @@ def run(w, law_p, h, u0, u1, out):
     s, t, f, tf = w[X_S], w[X_T], w[X_F], w[X_TF]
     ph, dph = field(thick, c_eps, e)
     new = np.zeros(n)
-    rl, lift, curve, middle = w[P_RL], 0.0, 0.0, 0.0
+    lift = curve = middle = 0.0
+    rc, charges, leaks = rs * c0, 0.0, 1.0 + rs / w[P_RL]
     D1, D2, step1, length = w[X_D1], w[X_D2], w[X_STEP], -1.0
     tab = w[A_TABLES:A_TABLES + _TABLE]
     quick, pair_quick = n, False
@@ -235,6 +242,7 @@ def run(w, law_p, h, u0, u1, out):
                 while quick > 0 and step > _QUICK * T[quick - 1]:
                     quick -= 1
                 pair_quick = pair and step > _QUICK * abs(T_pair)
+                charges = step / rc if rs > 0.0 else 0.0
             if done > 0.0 or step < whole:
                 rise = (u1[i] - u0[i]) / whole
                 v_start, v_end = u0[i] + rise * done, u0[i] + rise * (done + step)
@@ -257,7 +265,7 @@ def run(w, law_p, h, u0, u1, out):
             vq1, P1 = vq, P
             good, centred = False, True
             ss = se = dse = J = change = p0 = p1 = 0.0
-            transient = zc = l0 = l1 = 0.0
+            transient = zc = l0 = l1 = dies = m_dies = 0.0
             # a jump of more than a little is followed up by the law itself
             at_jump, held_jump, slope_jump, ph_jump, dph_jump = 0.0, held, slope0, ph, dph
             s1, t1, f1, tf1, ph1, dph1, W1 = s, t, f, tf, ph, dph, 0.0
@@ -281,9 +289,10 @@ def run(w, law_p, h, u0, u1, out):
                     if rs > 0.0:
                         if active > 0.0:
                             middle = vm
-                            rl, lift, curve = leaking(w[P_RL], active, w[P_Z0], rs, middle)
-                        v1, vm, v2, dv, zc, transient, l0, l1 = charge(rs, rl, c0, c_eps, prompt, step, e, e1, V,
-                                                                       v_start + lift, v_end + lift)
+                            conducts, lift, curve = leaking(w[P_RL], active, w[P_Z0], rs, middle)
+                            leaks = 1.0 + rs * conducts
+                        v1, vm, v2, dv, zc, transient, l0, l1, dies, m_dies = charge(
+                            charges, leaks, c_eps, prompt, e, e1, V, v_start + lift, v_end + lift)
                         if active > 0.0:
                             centred = abs(vm - middle) <= _CENTRED * abs(vm) + _LITTLE_V
                     if stores:
@@ -317,9 +326,8 @@ def run(w, law_p, h, u0, u1, out):
                 a = first = second = line0 = line1 = 0.0
                 if transient != 0.0 and (quick < n or pair_quick):
                     # the dying part of the charging, and the line beside it
-                    a = math.exp(-zc)
-                    m = (1.0 - a) / zc
-                    level = l0 + l1 * (m - a) / (zc * m) - 0.5 * (vq + vq1)
+                    a, m = dies, m_dies
+                    level = l0 + l1 * (m - a) / (1.0 - a) - 0.5 * (vq + vq1)
                     first = factor * ph * (2.0 * level + 0.5 * (P + P1)) * transient
                     second = factor * ph * transient * transient
                     line1 = p1 - first * a - second * a * a
@@ -331,18 +339,15 @@ def run(w, law_p, h, u0, u1, out):
                         if j < quick:
                             new[j] = tab[_W0 + j] * p0 + tab[_W1 + j] * p1
                         else:
-                            y, stays = step / T[j], tab[_KEEP + j]
                             new[j] = (tab[_W0 + j] * line0 + tab[_W1 + j] * line1
-                                      + c[j] * (first * _dying(y, stays, zc, a) + second * _dying(y, stays, 2.0 * zc,
-                                                                                                a * a)))
+                                      + c[j] * _dying(tab[_LONG + j], tab[_KEEP + j], zc, a, first, second))
                         found += new[j]
                     if pair:
                         w0, w1 = complex(tab[_AR], tab[_AI]), complex(tab[_BR], tab[_BI])
                         if pair_quick:
                             y_pair, stay_pair = step / T_pair, complex(tab[_KR], tab[_KI])
-                            z_new = w0 * line0 + w1 * line1 + c_pair * (
-                                first * _dying(y_pair, stay_pair, zc + 0j, a + 0j)
-                                + second * _dying(y_pair, stay_pair, 2.0 * zc + 0j, a * a + 0j))
+                            z_new = w0 * line0 + w1 * line1 + c_pair * _dying(y_pair, stay_pair, zc + 0j, a + 0j, first,
+                                                                              second)
                         else:
                             z_new = w0 * p0 + w1 * p1
                         found += z_new.real
@@ -440,7 +445,7 @@ def run(w, law_p, h, u0, u1, out):
             if active > 0.0 and step > 1e-6 * whole:
                 # the tangent at the middle, and the current bent beside it
                 far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
-                wrong = 0.1 * abs(e + D) * rs / (rs + rl) * curve * far * far * min(1.0, step / (rs * c0))
+                wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, step / (rs * c0))
                 if wrong > _CIRCUIT_TOLERANCE:
                     step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.5)
                     continue

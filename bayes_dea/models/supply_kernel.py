@@ -191,13 +191,13 @@ def drive_lags(h, factor, rs, leak, c0, active, thickness, aq, tau_q, chi, tau_d
 @_jit
 def _charged(h, rs, leak, c0, active, thickness, u0, u1, v):
     """Volts on a constant capacitance after h (s) under a supply straight from u0 to u1 (V), and their mean."""
-    rl, lift, middle = leak, 0.0, v + 0.5 * (u1 - u0)
+    conducts, lift, middle = 1.0 / leak, 0.0, v + 0.5 * (u1 - u0)
     new = mean = v
     for _ in range(3 if active > 0.0 else 1):
         if active > 0.0:
-            rl, lift, _bend = leaking(leak, active, thickness, rs, middle)
+            conducts, lift, _bend = leaking(leak, active, thickness, rs, middle)
         feed = h / (rs * c0)
-        z = feed + h / (rl * c0)
+        z = feed + h * conducts / c0
         if z < 1e-3:
             p1 = 1.0 - z * (0.5 - z / 6.0)
             p2 = 0.5 - z * (1.0 / 6.0 - z / 24.0)
