@@ -59,6 +59,8 @@ _LEFT = 0.2
 _SOMETHING = 0.2
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
+#: the same of what another reading takes, from which on further effects are looked for before that reading is tried
+_RATHER = 1.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -97,6 +99,7 @@ class Naming:
     skipped: dict[str, str] = field(default_factory=dict)
     labellings: dict[str, list[Fit]] = field(default_factory=dict)  # where modes may change places (`relabel`)
     visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
+    put_off: bool = False  # further effects promise something, and another reading more
 
 
 def explain(
@@ -133,7 +136,8 @@ def name_physics(
     """Weigh all hypotheses on the recordings to identify.
 
     otherwise: nats of what an explanation leaves that another reading of the recordings would take. Further effects are
-    looked for only where a grid promises a third of that; they are sought under that reading then.
+    looked for only where a grid promises as much; else they are sought under that reading first, and are put off where
+    the grid promises a third of it.
 
     unseen: recordings to validate, of which the commands alone are used: an effect is as large as on the recording of
     the campaign that it moves most (CONTRACT 1).
@@ -201,6 +205,7 @@ def name_physics(
             return None
         best = explain(thoughts(ranked[0]), places, columns, rng, prior, left)
         others.append(best)
+    put_off = False
     # more than one effect, where one is not enough
     for _ in range(most_effects):
         gain = best.discrepancy.gain if best.discrepancy else 0.0
@@ -224,7 +229,9 @@ def name_physics(
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
             taken = elsewise(start.fit)
-            if taken > 0.0 and promised_beside(start, model, names, given, say) < _PROMISES * taken:
+            promised = promised_beside(start, model, names, given, say) if taken > 0.0 else 0.0
+            if promised < _RATHER * taken:
+                put_off = promised >= _PROMISES * taken
                 break
             start, more = beside_the_leader(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts
@@ -290,7 +297,9 @@ def name_physics(
         for w in known.weighed.values()
         if FURTHER in w.effects and probability.get(w.name, 0.0) > _WORTH_LABELLING
     }
-    return Naming(none, best, known.weighed, evidence, error, probability, log_p, skipped, labelled, visible)
+    return Naming(
+        none, best, known.weighed, evidence, error, probability, log_p, skipped, labelled, visible, put_off
+    )
 
 
 def _but_for_what_is_too_small(

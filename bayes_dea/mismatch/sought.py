@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,8 @@ def sought(
     def tell(*at: Any) -> None:
         say("rereading", *at)
 
-    def named(seen: Seen, begun: Sequence[Fit] = ()) -> Naming:
-        return _named(ready, seen, overrides, most_effects, rng, say, begun)
+    def named(seen: Seen, begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
+        return _named(ready, seen, overrides, most_effects, rng, say, begun, gains_first)
 
     say("refining the fit", 1, 1, "")
     retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, tell)
@@ -77,14 +78,19 @@ def sought(
         again = named(other, loosened)
         if again.best.adequate or again.best.below_a_step or again.none.below_a_step:
             return other, again
+    if naming.put_off:  # gains do not settle it
+        naming = named(seen, gains_first=False)
     return seen, naming
 
 
 def _named(
     ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
-    say: Report, begun: Sequence[Fit],
+    say: Report, begun: Sequence[Fit], gains_first: bool,
 ) -> Naming:
-    """Every hypothesis weighed, again where that shows false readings."""
+    """Every hypothesis weighed, again where that shows false readings.
+
+    gains_first: where a gain of each recording takes more than a further effect promises, none is looked for.
+    """
     memory: dict[str, Screened] = {}
     for last in range(ROUNDS, -1, -1):
         base = seen.base
@@ -103,7 +109,7 @@ def _named(
             memory=memory,
             unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
-            otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, ready.prior, rng),
+            otherwise=partial(_taken_by_gains, seen.pieces, ready.prior, rng) if gains_first else None,
         )
         if found is not None:
             break
@@ -192,7 +198,7 @@ def _with_gains_that_matter(
     return [fit for fit in loosened if fit is not None]
 
 
-def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> float:
+def _taken_by_gains(pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, fit: Fit) -> float:
     """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
     loose = _loosened(fit, pieces, prior, rng)
     return 0.0 if loose is None else max(fit.objective - loose.objective, 0.0)

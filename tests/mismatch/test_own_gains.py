@@ -8,10 +8,12 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 from test_campaign_faults import with_column
 
-from bayes_dea.mismatch import sought
+from bayes_dea.mismatch import name, sought
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.features import features
 from bayes_dea.mismatch.own_gains import apart, gains_of, own_gains, worth_a_search
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.seen import Seen
 
 
 def resized(campaign, factors):
@@ -113,3 +115,42 @@ def test_one_recording_of_another_size_is_of_another_actuator():
     s = diagnose(resized(concealed(), [1.0, 1.0, 1.04, 1.0, 1.0, 1.0, 1.0]), "hooke+gm3", seed=1).summary
     assert "sine_10Hz.csv: this recording does not belong" in s["statement"]
     assert "gain differs" not in s["statement"]
+
+
+def test_pairs_are_sought_first_where_they_promise_as_much_as_gains_take(monkeypatch):
+    """Less than that, and they are put off until gains have been tried; next to nothing, and they are not sought."""
+    asked = []
+    monkeypatch.setattr(sought, "_taken_by_gains", lambda *_: 300.0)
+    monkeypatch.setattr(sought, "_with_gains_that_matter", lambda *_: [])
+    monkeypatch.setattr(sought, "_reread", lambda *_: None)
+
+    def watched(base, campaign, prior, looks, rng, otherwise, **_):
+        asked.append(otherwise is not None and otherwise(base))
+        return SimpleNamespace(best=SimpleNamespace(adequate=False), put_off=otherwise is not None)
+
+    monkeypatch.setattr(sought, "name_physics", watched)
+    campaign = concealed(validate=False)
+    fit, prior = fitted(campaign)
+    seen = Seen(fit, fit.problem.pieces, prior)
+    ready = SimpleNamespace(seen=seen, prior=prior, campaign=campaign, resolution_m=1e-7, limit=None)
+    _, naming = sought.sought(ready, None, 3, np.random.default_rng(1), lambda *_: None)
+    assert asked == [300.0, False]
+    assert not naming.put_off
+
+
+@pytest.mark.parametrize(("promised", "sought_first", "put_off"), [(310.0, True, False), (200.0, False, True),
+                                                                   (90.0, False, False)])
+def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off):
+    campaign = concealed({"series_resistance": {"R_s_ohm": 3e5}, "strain_stiffening": {"beta": 300.0}}, validate=False)
+    fit, prior = fitted(campaign)
+    tried = []
+    monkeypatch.setattr(name, "promised_beside", lambda *_: promised)
+    monkeypatch.setattr(name, "beside_the_leader", lambda w, *_: tried.append(w) or (w, []))
+    for further in ("second_thoughts", "in_place_of_the_first", "beside_the_next"):
+        monkeypatch.setattr(name, further, lambda *_: [])
+    found = name.name_physics(
+        fit, campaign, prior, [features(p) for p in fit.problem.pieces], np.random.default_rng(1),
+        resolution_m=1.5e-7, otherwise=lambda _: 300.0,
+    )  # fmt: skip
+    assert not found.best.adequate
+    assert (bool(tried), found.put_off) == (sought_first, put_off)
