@@ -52,8 +52,8 @@ def sought(
     def tell(*at: Any) -> None:
         say("rereading", *at)
 
-    def named(seen: Seen, begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
-        return _named(ready, seen, overrides, most_effects, rng, say, begun, gains_first)
+    def named(seen: Seen, grids: dict[str, Screened], begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
+        return _named(ready, seen, overrides, most_effects, rng, say, begun, gains_first, grids)
 
     say("refining the fit", 1, 1, "")
     retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, tell)
@@ -61,7 +61,8 @@ def sought(
         seen.take(retimed)
     if loose:
         seen.take(Rereading(seen.base, 0.0, gains=True))
-    naming = named(seen, known)
+    grids: dict[str, Screened] = {}
+    naming = named(seen, grids, known)
     reread = _reread(naming, seen.pieces, prior, rng, tell)
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
@@ -69,29 +70,30 @@ def sought(
         say("reading the campaign again", 0, 1, how)
         begun = _begun(naming, seen.pieces, prior, reread.base) if reread.gains else []
         seen.take(reread)
-        naming = named(seen, begun)
+        grids = {}
+        naming = named(seen, grids, begun)
     loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, prior, rng)
     if loosened:
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
         other.take(Rereading(seen.base, 0.0, gains=True))
-        again = named(other, loosened)
+        again = named(other, {}, loosened)
         if again.best.adequate or again.best.below_a_step or again.none.below_a_step:
             return other, again
     if naming.put_off:  # gains do not settle it
-        naming = named(seen, gains_first=False)
+        naming = named(seen, grids, gains_first=False)
     return seen, naming
 
 
 def _named(
     ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
-    say: Report, begun: Sequence[Fit], gains_first: bool,
+    say: Report, begun: Sequence[Fit], gains_first: bool, grids: dict[str, Screened],
 ) -> Naming:
     """Every hypothesis weighed, again where that shows false readings.
 
-    gains_first: where a gain of each recording takes more than a further effect promises, none is looked for.
+    gains_first: where a gain of each recording takes more than a further effect promises, none is looked for. grids:
+    single effects on theirs, as an earlier search left them; filled in.
     """
-    memory: dict[str, Screened] = {}
     for last in range(ROUNDS, -1, -1):
         base = seen.base
         found = name_physics(
@@ -106,7 +108,7 @@ def _named(
             most_effects=most_effects,
             spoiled=seen.spoiled if last else None,
             established=(CLIPPING,) if ready.limit is not None else (),
-            memory=memory,
+            memory=grids,
             unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
             otherwise=partial(_taken_by_gains, seen.pieces, ready.prior, rng) if gains_first else None,
