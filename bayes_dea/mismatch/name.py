@@ -381,11 +381,12 @@ def _with_adequacy(probability: dict[str, float], best: Explanation, none: Expla
         return probability
     if none.below_a_step:
         return {k: 1.0 - _SOMETHING if k == NONE else _SOMETHING if k == UNKNOWN else 0.0 for k in probability}
-    if best.below_a_step:
-        return probability
-    left = min(1.0, best.scan.p_value / ADEQUATE) * _LEFT
     named = sum(v for k, v in probability.items() if k != UNKNOWN)
-    if named <= left:
+    if best.below_a_step:
+        left = 1.0 - _SOMETHING
+    else:
+        left = min(min(1.0, best.scan.p_value / ADEQUATE) * _LEFT, named)
+    if named == 0.0:
         return probability
     out = {k: v * left / named for k, v in probability.items() if k != UNKNOWN}
     out[UNKNOWN] = 1.0 - left

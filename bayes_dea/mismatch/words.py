@@ -85,7 +85,8 @@ def statement(
     told = ", ".join(_with_shift(m, (delays_s or {}).get(m)) for m in others)
     doubt = f" These recordings cannot tell it from {told}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
-    return f"{text} ({confidence}).{mended}{doubt}"
+    less = " What it leaves is less than one resolution step and not claimed." if naming.best.below_a_step else ""
+    return f"{text} ({confidence}).{mended}{less}{doubt}"
 
 
 def _with_shift(name: str, delay_s: float | None) -> str:

@@ -11,9 +11,9 @@ from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.locate import scan
 
 
-def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3):
-    """A campaign whose sensor wavers by 1 um in one recording, as nothing on the list does."""
-    c = with_column(concealed(), name, lambda y, r: y + 1e-6 * np.sin(2 * np.pi * r.time_s / period_s))
+def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3, hidden=None):
+    """A campaign whose sensor wavers by 1 um in one recording, as nothing on the list does; hidden: see `concealed`."""
+    c = with_column(concealed(hidden), name, lambda y, r: y + 1e-6 * np.sin(2 * np.pi * r.time_s / period_s))
     coarse = replace(c.sensors["displacement"], resolution=resolution_m)
     return replace(c, sensors={**c.sensors, "displacement": coarse})
 
@@ -27,6 +27,17 @@ def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resoluti
     assert s["mismatch"]["p_value"] < 1e-10
     if verdict == "none":
         assert s["confidence"] <= 0.8
+        assert "less than one resolution step" in s["statement"]
+
+
+@pytest.mark.parametrize(("resolution_m", "verdict"), [(0.15e-6, "unknown"), (2e-6, "series_resistance")])
+def test_beside_physics_it_is_no_mismatch_of_unknown_kind_either(resolution_m, verdict):
+    s = diagnose(wavering(resolution_m, hidden={"series_resistance": {"R_s_ohm": 4e5}}), "hooke+gm3").summary
+    assert s["verdict"] == verdict, s["statement"]
+    if verdict != "unknown":
+        assert s["confidence"] <= 0.8
+        assert s["adequacy_p_value"] < 1e-3
+        assert {"series_resistance", "unknown"} <= set(s["indistinguishable"])
         assert "less than one resolution step" in s["statement"]
 
 
