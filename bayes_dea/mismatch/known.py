@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .hypotheses import DELAY
@@ -37,8 +37,8 @@ class Known:
     elsewhere: Sequence[Piece] = ()
     weighed: dict[str, Weighed] = field(default_factory=dict)
     noise: NoisePrior | None = None
-    _sizes: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
-    _beside_modes: dict[int, tuple[Fit, float]] = field(default_factory=dict, repr=False)
+    #: sizes by the identity of the fits that they are of, which stay with them
+    _sizes: dict[tuple[int, ...], tuple[tuple[Fit, ...], float]] = field(default_factory=dict, repr=False)
 
     def take(self, found: Iterable[Weighed]) -> None:
         """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
@@ -96,27 +96,29 @@ class Known:
         return self._elsewhere(w) >= self.resolution_m or self._with_modes_kept(w) >= self.resolution_m
 
     def _elsewhere(self, w: Weighed) -> float:
-        """Its size (m) on recordings that were not fitted; simulated once for each fit, which stays with its size."""
+        """Its size (m) on recordings that were not fitted."""
         if not self.elsewhere:
             return 0.0
-        known = self._sizes.get(id(w.fit))
-        if known is None:
-            known = self._sizes[id(w.fit)] = w.fit, size_elsewhere(self.none.fit, w.fit, self.elsewhere)
-        return known[1]
+        return self._once((w.fit,), lambda: size_elsewhere(self.none.fit, w.fit, self.elsewhere))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
-        simpler = self._simpler(w)
-        if self.noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
+        simpler, noise = self._simpler(w), self.noise
+        if noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
             return 0.0
-        known = self._beside_modes.get(id(w.fit))
-        if known is None:
-            held = with_true_modes(w.fit, simpler.fit, self.noise)
-            size = 0.0
-            if held is not None:
-                size = max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
-            known = self._beside_modes[id(w.fit)] = w.fit, size
-        return known[1]
+
+        def size() -> float:
+            held = with_true_modes(w.fit, simpler.fit, noise)
+            return 0.0 if held is None else max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
+
+        return self._once((w.fit, simpler.fit), size)
+
+    def _once(self, fits: tuple[Fit, ...], size: Callable[[], float]) -> float:
+        """A size (m), simulated once for these fits."""
+        key = tuple(id(fit) for fit in fits)
+        if key not in self._sizes:
+            self._sizes[key] = fits, size()
+        return self._sizes[key][1]
 
     def _simpler(self, w: Weighed) -> Weighed | None:
         """The likeliest that lacks one of its effects."""

@@ -107,6 +107,22 @@ def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | Non
     return refit(_loosened(problem, pieces), q, fit.noise, prior, known=replace(fit.linearisation, q=q))
 
 
+class Loosened:
+    """Fits with a gain of each recording, worked out once for each fit and what it was fitted to."""
+
+    def __init__(self, prior: NoisePrior) -> None:
+        self.prior = prior
+        #: by identity of fit and recordings, which stay with what was found
+        self._known: dict[tuple[int, int], tuple[Fit, Sequence[Piece], Fit | None]] = {}
+
+    def __call__(self, fit: Fit, pieces: Sequence[Piece]) -> Fit | None:
+        """See `own_gains`."""
+        key = id(fit), id(pieces)
+        if key not in self._known:
+            self._known[key] = fit, pieces, own_gains(fit, pieces, self.prior)
+        return self._known[key][2]
+
+
 def worth_a_search(before: Fit, after: Fit, prior: NoisePrior, adequate: Callable[[Fit], bool]) -> bool:
     """Whether gains take so much of what an explanation leaves that effects are to be sought beside them.
 

@@ -20,7 +20,7 @@ from .hypotheses import UNKNOWN
 from .locate import is_adequate, scan
 from .name import Naming, name_physics, weigh_delay
 from .noise_prior import NoisePrior
-from .own_gains import MOVED, own_gains, worth_a_search
+from .own_gains import MOVED, Loosened, worth_a_search
 from .own_limits import CLIPPING, limit_of_readings
 from .prepare import ROUNDS, Prepared
 from .reduced import Piece
@@ -47,13 +47,14 @@ def sought(
     loose: a part of the recordings has shown already that nothing explains them without a gain of each; known: what
     explains that part.
     """
-    seen, prior = ready.seen, ready.prior
+    seen, prior, with_gains = ready.seen, ready.prior, Loosened(ready.prior)
 
     def tell(*at: Any) -> None:
         say("rereading", *at)
 
     def named(seen: Seen, grids: dict[str, Screened], begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
-        return _named(ready, seen, overrides, most_effects, rng, say, begun, gains_first, grids)
+        gains = with_gains if gains_first else None
+        return _named(ready, seen, overrides, most_effects, rng, say, begun, grids, gains)
 
     say("refining the fit", 1, 1, "")
     retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, tell)
@@ -63,16 +64,16 @@ def sought(
         seen.take(Rereading(seen.base, 0.0, gains=True))
     grids: dict[str, Screened] = {}
     naming = named(seen, grids, known)
-    reread = _reread(naming, seen.pieces, prior, rng, tell)
+    reread = _reread(naming, seen.pieces, with_gains, rng, tell)
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
         say("reading the campaign again", 0, 1, how)
-        begun = _begun(naming, seen.pieces, prior, reread.base) if reread.gains else []
+        begun = _begun(naming, seen.pieces, with_gains, reread.base) if reread.gains else []
         seen.take(reread)
         grids = {}
         naming = named(seen, grids, begun)
-    loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, prior, rng)
+    loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, with_gains, rng)
     if loosened:
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
@@ -87,12 +88,12 @@ def sought(
 
 def _named(
     ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
-    say: Report, begun: Sequence[Fit], gains_first: bool, grids: dict[str, Screened],
+    say: Report, begun: Sequence[Fit], grids: dict[str, Screened], with_gains: Loosened | None,
 ) -> Naming:
     """Every hypothesis weighed, again where that shows false readings.
 
-    gains_first: where a gain of each recording takes more than a further effect promises, none is looked for. grids:
-    single effects on theirs, as an earlier search left them; filled in.
+    grids: single effects on theirs, as an earlier search left them; filled in. with_gains: where a gain of each
+    recording takes more than a further effect promises, none is looked for.
     """
     for last in range(ROUNDS, -1, -1):
         base = seen.base
@@ -111,7 +112,7 @@ def _named(
             memory=grids,
             unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
-            otherwise=partial(_taken_by_gains, seen.pieces, ready.prior, rng) if gains_first else None,
+            otherwise=partial(_taken_by_gains, seen.pieces, with_gains, rng) if with_gains else None,
         )
         if found is not None:
             break
@@ -143,16 +144,16 @@ def _retimed(
 
 
 def _reread(
-    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+    naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator, tell: Tell = silence
 ) -> Rereading | None:
     """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
     if naming.none.adequate:
         return None
-    fit = naming.none.weighed.fit
+    fit, prior = naming.none.weighed.fit, with_gains.prior
     found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
     if not naming.best.adequate and naming.best is not naming.none:
         found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
-    found += _with_own_gains(naming, pieces, prior, rng, tell)
+    found += _with_own_gains(naming, pieces, with_gains, rng, tell)
     if CLIPPING in naming.best.weighed.effects and not naming.best.adequate:
         name = naming.best.weighed.name
         odds = naming.log_weight.get(name, -math.inf) - naming.log_evidence.get(name, 0.0)
@@ -168,7 +169,7 @@ def _reread(
 
 
 def _with_own_gains(
-    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell
+    naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator, tell: Tell
 ) -> list[Rereading]:
     """The base, the best explanation and parts of it with a gain of each recording, where that leaves nothing.
 
@@ -181,7 +182,7 @@ def _with_own_gains(
         if w.name not in naming.log_weight:  # too small to be claimed
             continue
         tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
-        loose = own_gains(w.fit, pieces, prior)
+        loose = with_gains(w.fit, pieces)
         if loose is not None and is_adequate(loose, rng):
             odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
             out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
@@ -189,32 +190,32 @@ def _with_own_gains(
 
 
 def _with_gains_that_matter(
-    naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator
+    naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator
 ) -> list[Fit]:
     """The base, the best explanation and the likeliest, which may be too small to be claimed, with a gain of each
     recording; those of which that takes much, or all that can be seen."""
     refitted = (w for w in naming.weighed.values() if w.refitted)
     likeliest = max(refitted, key=lambda w: w.log_evidence, default=naming.best.weighed)
     fits = {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}
-    loosened = [_loosened(fit, pieces, prior, rng) for fit in fits.values()]
+    loosened = [_loosened(fit, pieces, with_gains, rng) for fit in fits.values()]
     return [fit for fit in loosened if fit is not None]
 
 
-def _taken_by_gains(pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, fit: Fit) -> float:
+def _taken_by_gains(pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator, fit: Fit) -> float:
     """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
-    loose = _loosened(fit, pieces, prior, rng)
+    loose = _loosened(fit, pieces, with_gains, rng)
     return 0.0 if loose is None else max(fit.objective - loose.objective, 0.0)
 
 
-def _loosened(fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator) -> Fit | None:
+def _loosened(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> Fit | None:
     """An explanation with a gain of each recording, where these are worth a search; else None."""
-    loose = own_gains(fit, pieces, prior)
-    if loose is None or not worth_a_search(fit, loose, prior, lambda f: scan(f, rng).nothing_claimed):
+    loose = with_gains(fit, pieces)
+    if loose is None or not worth_a_search(fit, loose, with_gains.prior, lambda f: scan(f, rng).nothing_claimed):
         return None
     return loose
 
 
-def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, found: Fit) -> list[Fit]:
+def _begun(naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, found: Fit) -> list[Fit]:
     """The best explanation and its rivals with a gain of each recording, for a search with these to know of.
 
     Where it leaves something, which gains take, evidences without them say little: the likeliest few with as many
@@ -230,5 +231,5 @@ def _begun(naming: Naming, pieces: tuple[Piece, ...], prior: NoisePrior, found: 
         as_many = sorted((w for w in refitted if len(w.effects) == count), key=lambda w: -w.log_evidence)
         near = as_many[:_FEW]
     model = found.problem.model
-    others = [own_gains(w.fit, pieces, prior) for w in near if w.fit.problem.model.name != model.name]
+    others = [with_gains(w.fit, pieces) for w in near if w.fit.problem.model.name != model.name]
     return [found, *(fit for fit in others if fit is not None)]

@@ -97,3 +97,21 @@ def test_what_a_grid_calls_hopeless_does_not_count_with_the_fit_of_another():
     single = Stub(("amplitude_softening",), 100.0)
     pair = Stub(("amplitude_softening", "inertia"), 100.0, 1e-6, single.fit, refitted=False)
     assert known(single, pair).counting == [single]
+
+
+def test_a_size_is_that_against_the_likeliest_that_is_simpler(monkeypatch):
+    """Worked out once for each of these, though a likelier one may be found later."""
+    asked = []
+
+    def held(fit, simpler, _):
+        asked.append(simpler)
+
+    monkeypatch.setattr("bayes_dea.mismatch.known.with_true_modes", held)
+    one, other = Stub(("leakage",), 50.0), Stub(("inertia",), 60.0)
+    pair = Stub(("leakage", "inertia"), 100.0, size_m=0.0)
+    k = Known(NONE, 1e-7, {}, 20, (), {w.name: w for w in (one, pair)}, noise=object())
+    assert not k.enough(pair)
+    assert not k.enough(pair)
+    k.take([other])
+    assert not k.enough(pair)
+    assert asked == [one.fit, other.fit]

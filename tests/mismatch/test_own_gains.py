@@ -11,7 +11,7 @@ from test_campaign_faults import with_column
 from bayes_dea.mismatch import name, sought
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.features import features
-from bayes_dea.mismatch.own_gains import apart, gains_of, own_gains, worth_a_search
+from bayes_dea.mismatch.own_gains import Loosened, apart, gains_of, own_gains, worth_a_search
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.seen import Seen
 
@@ -154,3 +154,13 @@ def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off
     )  # fmt: skip
     assert not found.best.adequate
     assert (bool(tried), found.put_off) == (sought_first, put_off)
+
+
+def test_gains_of_one_fit_are_worked_out_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr("bayes_dea.mismatch.own_gains.own_gains", lambda *of: asked.append(of))
+    pieces, fewer, fit = (1, 2, 3, 4), (1, 2, 3), object()
+    with_gains = Loosened(None)
+    for seen in (pieces, pieces, fewer, pieces):
+        assert with_gains(fit, seen) is None
+    assert asked == [(fit, pieces, None), (fit, fewer, None)]
