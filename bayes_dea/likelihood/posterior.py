@@ -9,7 +9,6 @@ integrated out exactly by the groups.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
-from ..noise.stated import NoiseTerms
 from .block_group import BlockGroup
 from .linear_group import LinearGroup
 from .prepare import RateClasses
@@ -216,8 +214,3 @@ def rate_suffixes(rates: RateClasses) -> list[str]:
     if len(rates.steps_s) == 1:
         return [""]
     return [f"_{1 / s:g}Hz" for s in rates.steps_s]
-
-
-def offset_terms(terms: Mapping[str, NoiseTerms]) -> dict[str, float]:
-    """Prior sd of each recording's offset, for the report."""
-    return {name: t.offset_sd for name, t in terms.items()}

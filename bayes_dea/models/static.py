@@ -154,18 +154,6 @@ def law_stress_tangent(law_id: int, p: NDArray[np.float64], e: float) -> tuple[f
 
 
 @njit(cache=True, error_model="numpy")
-def law_stress(law_id: int, p: NDArray[np.float64], e: float) -> float:
-    """True stress s(e) in Pa for one strain; see `law_stress_tangent`."""
-    return law_stress_tangent(law_id, p, e)[0]
-
-
-@njit(cache=True, error_model="numpy")
-def law_tangent(law_id: int, p: NDArray[np.float64], e: float) -> float:
-    """Tangent ds/de in Pa for one strain; see `law_stress_tangent`."""
-    return law_stress_tangent(law_id, p, e)[1]
-
-
-@njit(cache=True, error_model="numpy")
 def small_strain_modulus(law_id: int, p: NDArray[np.float64]) -> float:
     """Modulus ds/de at e = 0 in Pa: Y, 6 C1, 6 C1, 6 (C1 + C2), 3 mu, 1.5 sum mu alpha."""
     if law_id == HOOKE:
