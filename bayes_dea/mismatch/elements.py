@@ -50,11 +50,22 @@ def counted(found: Weighed, base: Fit, prior: NoisePrior) -> Weighed:
         best = min(best, fit, key=lambda f: f.objective)
     if best is found.fit or excess(best, prior) > max(found.fit.objective - best.objective, _SMALL):
         return found
+    # that of several is what the last of them moves, beside the others
+    size = effect_size(base, best) if len(found.effects) == 1 else found.size_m
     return replace(
         found, fit=best, log_evidence=best.log_evidence + found.shared_prior,
-        log_evidence_se=max(found.log_evidence_se, 0.1), size_m=effect_size(base, best),
+        log_evidence_se=max(found.log_evidence_se, 0.1), size_m=size,
         value=value_at(best.problem, best.q, prior.start()),
     )
+
+
+def counted_as(model: Model, leader: Model) -> Model:
+    """A model with as many elements as another one has, where both have any."""
+    for name in COUNTED.values():
+        if name in model.priors.fixed and name in leader.priors.fixed:
+            count = leader.priors.fixed[name]
+            model = model if model.priors.fixed[name] == count else _with_count(model, name, round(count))
+    return model
 
 
 def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:

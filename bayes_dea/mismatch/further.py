@@ -11,6 +11,7 @@ import numpy as np
 from ..models.effects import registered_effects
 from ..models.model import Model
 from .descent import bounds, value_at
+from .elements import counted, counted_as
 from .frame import Frame, own_index
 from .grid import Screened, screen
 from .hypotheses import extended, law_of
@@ -401,24 +402,27 @@ def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Wei
 
 
 def from_the_leader(
-    leader: Weighed, weighed: Sequence[Weighed], prior: NoisePrior, say: Report
+    leader: Weighed, weighed: Sequence[Weighed], base: Fit, prior: NoisePrior, say: Report
 ) -> list[Weighed]:
     """Rivals of as many effects, fitted again from the base that the leader has.
 
     A search may have ended with a base that is astray (slow modes beside a drift), and then what does just the same as
-    the leader looks nats worse. Given are those that are likelier than before.
+    the leader looks nats worse. So it does where only the leader's elements of friction were counted. Given are those
+    that are likelier than before.
     """
     count = len(leader.effects)
-    near = [
-        w for w in weighed
-        if w.refitted and len(w.effects) == count and w.effects != leader.effects
-        and w.log_evidence > leader.log_evidence - _CROSSED
-    ]
+    rivals = sorted(
+        (w for w in weighed if w.refitted and len(w.effects) == count and w.effects != leader.effects),
+        key=lambda w: -w.log_evidence,
+    )[:_PARTNERS]
     out = []
     shared = _coordinates(leader.fit)
-    for k, w in enumerate(sorted(near, key=lambda w: -w.log_evidence)[:_PARTNERS]):
-        say("comparing rivals", k, min(len(near), _PARTNERS), w.name)
-        model = w.fit.problem.model
+    for k, w in enumerate(rivals):
+        model = counted_as(w.fit.problem.model, leader.fit.problem.model)
+        # how many nats a wrong count costs is not known before
+        if model is w.fit.problem.model and w.log_evidence < leader.log_evidence - _CROSSED:
+            continue
+        say("comparing rivals", k, len(rivals), w.name)
         problem = leader.fit.problem.with_model(model)
         known = {**_coordinates(w.fit), **shared}
         low, high = bounds(problem)
@@ -426,7 +430,8 @@ def from_the_leader(
         q = np.concatenate([start, leader.fit.q[leader.fit.problem.model.dimension :]])
         fit = refit(problem, np.clip(q, low + 1e-9, high - 1e-9), prior.start(), prior, coarse=True)
         if fit is not None and fit.log_evidence > w.fit.log_evidence:
-            out.append(replace(w, fit=fit, log_evidence=w.log_evidence + fit.log_evidence - w.fit.log_evidence))
+            better = replace(w, fit=fit, log_evidence=w.log_evidence + fit.log_evidence - w.fit.log_evidence)
+            out.append(better if model is w.fit.problem.model else counted(better, base, prior))
     return out
 
 

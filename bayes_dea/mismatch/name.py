@@ -57,6 +57,8 @@ _WORTH_LABELLING = 0.01
 _LEFT = 0.2
 #: probability that one below what the sensor resolves is something all the same
 _SOMETHING = 0.2
+#: scatter of readings, in steps, whose noise is half a step beside the rounding's own 1/sqrt(12)
+_ROUNDED = math.sqrt(0.25 + 1.0 / 12.0)
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
 #: the same of what another reading takes, from which on further effects are looked for before that reading is tried
@@ -288,10 +290,10 @@ def name_physics(
         best = replace(best, discrepancy=beside_it)
         none = best if best.weighed is none.weighed else none
     if best is not none and best.adequate:
-        known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, prior, say))
+        known.take_from_elsewhere(from_the_leader(best.weighed, known.counting, base, prior, say))
     evidence, error, log_p = _log_probabilities(known, none, [best, *others], odds, prior)
     total = float(logsumexp(list(log_p.values())))
-    probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best, none)
+    probability = _with_adequacy({k: math.exp(v - total) for k, v in log_p.items()}, best, none, resolution_m)
     labelled = {
         w.name: labellings(w, prior)
         for w in known.weighed.values()
@@ -371,11 +373,14 @@ def weigh_delay(
     return weighed[DELAY].log_evidence + math.log(prior_odds()["single"] / max(len(names), 1))
 
 
-def _with_adequacy(probability: dict[str, float], best: Explanation, none: Explanation) -> dict[str, float]:
+def _with_adequacy(
+    probability: dict[str, float], best: Explanation, none: Explanation, resolution_m: float
+) -> dict[str, float]:
     """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown.
 
     But for one that is nowhere as much as the sensor resolves, which is not claimed (CONTRACT 1): what is left by the
-    best explanation then, or by the model alone.
+    model alone then, or by the best explanation. Beside that, evidences tell how likely something unknown is; not where
+    readings scatter by less than half a step, and what is below one is the rounding itself.
     """
     if best.adequate:
         return probability
@@ -383,7 +388,8 @@ def _with_adequacy(probability: dict[str, float], best: Explanation, none: Expla
         return {k: 1.0 - _SOMETHING if k == NONE else _SOMETHING if k == UNKNOWN else 0.0 for k in probability}
     named = sum(v for k, v in probability.items() if k != UNKNOWN)
     if best.below_a_step:
-        left = 1.0 - _SOMETHING
+        scatter_m = best.weighed.fit.noise.sigma.get("displacement", math.inf)
+        left = 1.0 - _SOMETHING if scatter_m < _ROUNDED * resolution_m else named
     else:
         left = min(min(1.0, best.scan.p_value / ADEQUATE) * _LEFT, named)
     if named == 0.0:

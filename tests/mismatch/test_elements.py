@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.assemble import assemble
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.elements import _nearer, counted
+from bayes_dea.mismatch.further import from_the_leader
+from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.laws import COUNTS, laws_in, log_share
 from bayes_dea.mismatch.locate import ADEQUATE, scan
 from bayes_dea.mismatch.noise_prior import noise_prior
@@ -108,3 +110,28 @@ def test_a_count_that_does_the_work_of_another_effect_is_not_taken():
     other = _nearer(fit, "friction_elements", prior)
     assert other.objective < fit.objective - 20.0
     assert counted(found, fit, prior) is found
+
+
+def test_elements_that_are_counted_for_one_explanation_are_counted_for_its_rivals():
+    """Else what does as well looks worse by the nats that a wrong count costs."""
+    campaign = concealed({FRICTION: {**STRONG, "elements": 12.0}, "stretch_dependent_permittivity": {"c_eps": -2.0}},
+                         scale=0.3, validate=False)  # fmt: skip
+    problem, prior, q = problem_of(campaign)
+    base = refit(problem, q, prior.start(), prior)
+    begun = {**dict(zip(base.problem.model.priors.names, base.q, strict=False)),
+             "sigma_y_Pa": np.log(6000.0), "eps_y": np.log(3e-3), "c_eps": -2.0, "q_2_per_m": -200.0}
+
+    def explained(second, count):
+        model = extended(base.problem.model, second, {})
+        problem = with_count(replace(base, problem=base.problem.with_model(model)), count)
+        start = [begun[n] for n in problem.model.priors.names]
+        fit = refit(problem, np.concatenate([start, base.q[base.problem.model.dimension :]]), prior.start(), prior)
+        return Weighed(second, fit, fit.log_evidence, 0.1, 1e-6)
+
+    leader = explained(("stretch_dependent_permittivity", FRICTION), 12)
+    rival = explained((FRICTION, "sensor_nonlinearity"), 64)
+    (found,) = from_the_leader(leader, [rival], base, prior, lambda *_: None)
+    assert found.effects == rival.effects
+    assert found.fit.problem.model.priors.fixed["friction_elements"] == 12.0
+    assert found.log_evidence > rival.log_evidence + 20.0
+    assert found.size_m == rival.size_m

@@ -28,7 +28,7 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     behind = stuck.log_evidence - fit.log_evidence
     assert -60.0 < behind < -5.0  # the premise
     astray = replace(rival, fit=stuck, log_evidence=rival.log_evidence + behind)
-    (back,) = from_the_leader(leader, [astray, leader], prior, quiet)
+    (back,) = from_the_leader(leader, [astray, leader], fit, prior, quiet)
     assert back.effects == rival.effects
     assert abs(back.log_evidence - rival.log_evidence) < 1.0
     # as does one of another reading of these recordings, where they are read anew
@@ -36,4 +36,4 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     assert known.effects == rival.effects
     assert known.log_evidence > stuck.log_evidence + 0.9 * abs(behind)
     # a rival that stands well is not moved, or by next to nothing
-    assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], prior, quiet))
+    assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], fit, prior, quiet))
