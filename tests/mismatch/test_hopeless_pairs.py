@@ -80,7 +80,7 @@ def test_a_mass_has_to_promise_less_as_its_peak_is_narrower_than_the_steps_of_a_
 def test_no_pair_is_looked_for_where_one_effect_takes_little_and_none_beside_it_promises_more(
     monkeypatch, little, promised, sought
 ):
-    """Of 34 pairs concealed for teaching the better of the two alone left 0.48 of what the base left, at most."""
+    """Of 40 pairs concealed for teaching the better of the two alone left 0.48 of what the base left, at most."""
     campaign = concealed({"series_resistance": {"R_s_ohm": 3e5}, "strain_stiffening": {"beta": 300.0}}, validate=False)
     problem, prior, q = problem_of(campaign)
     fit, tried = refit(problem, q, prior.start(), prior), []
