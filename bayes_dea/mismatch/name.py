@@ -63,8 +63,6 @@ _ROUNDED = math.sqrt(0.25 + 1.0 / 12.0)
 _PROMISES = 1.0 / 3.0
 #: the same of what another reading takes, from which on further effects are looked for before that reading is tried
 _RATHER = 1.0
-#: nats of misfit from which on what no effect takes a good part of is no two of them either
-_MANY = 2000.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -233,14 +231,9 @@ def name_physics(
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
             taken = elsewise(start.fit)
-            remains = excess(start.fit, prior)
-            hopeless = remains > max(REMAINS * excess(none.weighed.fit, prior), _MANY)
-            promised = promised_beside(start, model, names, given, say) if taken > 0.0 or hopeless else math.inf
+            promised = promised_beside(start, model, names, given, say) if taken > 0.0 else 0.0
             if promised < _RATHER * taken:
                 put_off = promised >= _PROMISES * taken
-                break
-            # of two effects one alone takes more, and beside it the other one promises to
-            if hopeless and promised < (1.0 - REMAINS) * remains:
                 break
             start, more = beside_the_leader(
                 start, known.counting, model, names, prior, given, say, rng, adequate, thoughts

@@ -2,15 +2,12 @@
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from concealed_campaigns import concealed, problem_of
+from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import name as naming
 from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.features import features
-from bayes_dea.mismatch.refit import refit
 
 CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.0075}
 
@@ -73,26 +70,3 @@ def test_a_mass_has_to_promise_less_as_its_peak_is_narrower_than_the_steps_of_a_
     assert search.asked_of(of("supply_current_limit", "inertia"), ("supply_current_limit",), left) < 500.0
     # what is looked for beside a mass has no such peak
     assert search.asked_of(of("sensor_lag", "inertia"), ("inertia",), left) == 1000.0
-
-
-@pytest.mark.parametrize(("little", "promised", "sought"), [(True, 0.0, False), (True, np.inf, True),
-                                                            (False, 0.0, True)])
-def test_no_pair_is_looked_for_where_one_effect_takes_little_and_none_beside_it_promises_more(
-    monkeypatch, little, promised, sought
-):
-    """Of 40 pairs concealed for teaching the better of the two alone left 0.48 of what the base left, at most."""
-    campaign = concealed({"series_resistance": {"R_s_ohm": 3e5}, "strain_stiffening": {"beta": 300.0}}, validate=False)
-    problem, prior, q = problem_of(campaign)
-    fit, tried = refit(problem, q, prior.start(), prior), []
-    if little:
-        monkeypatch.setattr(naming, "REMAINS", 0.0)
-        monkeypatch.setattr(naming, "_MANY", 0.0)
-    monkeypatch.setattr(naming, "promised_beside", lambda *_: promised)
-    monkeypatch.setattr(naming, "beside_the_leader", lambda w, *_: tried.append(w) or (w, []))
-    for further in ("second_thoughts", "in_place_of_the_first", "beside_the_next"):
-        monkeypatch.setattr(naming, further, lambda *_: [])
-    found = naming.name_physics(
-        fit, campaign, prior, [features(p) for p in fit.problem.pieces], np.random.default_rng(1), resolution_m=1.5e-7
-    )
-    assert not found.best.adequate
-    assert bool(tried) == sought
