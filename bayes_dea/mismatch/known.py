@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from .hypotheses import DELAY
 from .noise_prior import NoisePrior
+from .once import Once
 from .phase import phase_odds
 from .reduced import Piece
-from .refit import Fit
 from .size import effect_size, size_elsewhere
 from .stand_ins import with_true_modes
 from .weigh import Weighed
@@ -37,8 +37,7 @@ class Known:
     elsewhere: Sequence[Piece] = ()
     weighed: dict[str, Weighed] = field(default_factory=dict)
     noise: NoisePrior | None = None
-    #: sizes by the identity of the fits that they are of, which stay with them
-    _sizes: dict[tuple[int, ...], tuple[tuple[Fit, ...], float]] = field(default_factory=dict, repr=False)
+    _sizes: Once[float] = field(default_factory=Once, repr=False)
 
     def take(self, found: Iterable[Weighed]) -> None:
         """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
@@ -99,7 +98,7 @@ class Known:
         """Its size (m) on recordings that were not fitted."""
         if not self.elsewhere:
             return 0.0
-        return self._once((w.fit,), lambda: size_elsewhere(self.none.fit, w.fit, self.elsewhere))
+        return self._sizes((w.fit,), lambda: size_elsewhere(self.none.fit, w.fit, self.elsewhere))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
@@ -111,14 +110,7 @@ class Known:
             held = with_true_modes(w.fit, simpler.fit, noise)
             return 0.0 if held is None else max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
 
-        return self._once((w.fit, simpler.fit), size)
-
-    def _once(self, fits: tuple[Fit, ...], size: Callable[[], float]) -> float:
-        """A size (m), simulated once for these fits."""
-        key = tuple(id(fit) for fit in fits)
-        if key not in self._sizes:
-            self._sizes[key] = fits, size()
-        return self._sizes[key][1]
+        return self._sizes((w.fit, simpler.fit), size)
 
     def _simpler(self, w: Weighed) -> Weighed | None:
         """The likeliest that lacks one of its effects."""

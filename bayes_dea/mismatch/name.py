@@ -61,8 +61,6 @@ _SOMETHING = 0.2
 _ROUNDED = math.sqrt(0.25 + 1.0 / 12.0)
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
-#: the same of what another reading takes, from which on further effects are looked for before that reading is tried
-_RATHER = 1.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -133,7 +131,7 @@ def name_physics(
     memory: dict[str, Screened] | None = None,
     unseen: Sequence[Piece] = (),
     begun: Sequence[Fit] = (),
-    otherwise: Callable[[Fit], float] | None = None,
+    otherwise: Callable[[Fit], float] = lambda _: 0.0,
 ) -> Naming | None:
     """Weigh all hypotheses on the recordings to identify.
 
@@ -179,9 +177,6 @@ def name_physics(
     known = Known(none.weighed, resolution_m, odds, max(len(names), 1), elsewhere, singles, prior)
     known.take_from_elsewhere(again(begun, base, prior))
     considered: list[Weighed] = []
-
-    def elsewise(fit: Fit) -> float:
-        return otherwise(fit) if otherwise is not None else 0.0
 
     def left(done: float, of: float, text: str) -> None:
         say("checking what is left", done, of, text)
@@ -230,9 +225,9 @@ def name_physics(
             # one that adds nothing to what is enough without it is no rival of that
             more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
-            taken = elsewise(start.fit)
+            taken = otherwise(start.fit)
             promised = promised_beside(start, model, names, given, say) if taken > 0.0 else 0.0
-            if promised < _RATHER * taken:
+            if promised < taken:
                 put_off = promised >= _PROMISES * taken
                 break
             start, more = beside_the_leader(
@@ -269,7 +264,7 @@ def name_physics(
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         if not best.adequate and excess(top.fit, prior) > REMAINS * left_over:
             break
-    if best is none and not best.adequate and not ranked and elsewise(base) <= 0.0:
+    if best is none and not best.adequate and not ranked and otherwise(base) <= 0.0:
         # two effects, each less than the sensor resolves, may leave more than noise between them
         small = max((w for w in known.weighed.values() if w.refitted), key=known.weight, default=none.weighed)
         if known.weight(small) > none.weighed.log_evidence + LEAST_GAIN:
@@ -386,14 +381,13 @@ def _with_adequacy(
         return probability
     if none.below_a_step:
         return {k: 1.0 - _SOMETHING if k == NONE else _SOMETHING if k == UNKNOWN else 0.0 for k in probability}
+    scatter_m = best.weighed.fit.noise.sigma.get("displacement", math.inf)
+    if best.below_a_step and scatter_m >= _ROUNDED * resolution_m:
+        return probability
     named = sum(v for k, v in probability.items() if k != UNKNOWN)
-    if best.below_a_step:
-        scatter_m = best.weighed.fit.noise.sigma.get("displacement", math.inf)
-        left = 1.0 - _SOMETHING if scatter_m < _ROUNDED * resolution_m else named
-    else:
-        left = min(min(1.0, best.scan.p_value / ADEQUATE) * _LEFT, named)
     if named == 0.0:
         return probability
+    left = 1.0 - _SOMETHING if best.below_a_step else min(named, _LEFT, _LEFT * best.scan.p_value / ADEQUATE)
     out = {k: v * left / named for k, v in probability.items() if k != UNKNOWN}
     out[UNKNOWN] = 1.0 - left
     return out

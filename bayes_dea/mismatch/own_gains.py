@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .noise_prior import NoisePrior
+from .once import Once
 from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, refit
@@ -108,19 +109,15 @@ def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | Non
 
 
 class Loosened:
-    """Fits with a gain of each recording, worked out once for each fit and what it was fitted to."""
+    """Fits with a gain of each recording, worked out once for each fit and the recordings as they are read."""
 
     def __init__(self, prior: NoisePrior) -> None:
         self.prior = prior
-        #: by identity of fit and recordings, which stay with what was found
-        self._known: dict[tuple[int, int], tuple[Fit, Sequence[Piece], Fit | None]] = {}
+        self._known: Once[Fit | None] = Once()
 
     def __call__(self, fit: Fit, pieces: Sequence[Piece]) -> Fit | None:
         """See `own_gains`."""
-        key = id(fit), id(pieces)
-        if key not in self._known:
-            self._known[key] = fit, pieces, own_gains(fit, pieces, self.prior)
-        return self._known[key][2]
+        return self._known((fit, pieces), lambda: own_gains(fit, pieces, self.prior))
 
 
 def worth_a_search(before: Fit, after: Fit, prior: NoisePrior, adequate: Callable[[Fit], bool]) -> bool:

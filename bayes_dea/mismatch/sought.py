@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -112,7 +111,7 @@ def _named(
             memory=grids,
             unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
-            otherwise=partial(_taken_by_gains, seen.pieces, with_gains, rng) if with_gains else None,
+            otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
         )
         if found is not None:
             break
@@ -201,7 +200,7 @@ def _with_gains_that_matter(
     return [fit for fit in loosened if fit is not None]
 
 
-def _taken_by_gains(pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator, fit: Fit) -> float:
+def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:
     """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
     loose = _loosened(fit, pieces, with_gains, rng)
     return 0.0 if loose is None else max(fit.objective - loose.objective, 0.0)

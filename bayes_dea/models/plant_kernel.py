@@ -398,7 +398,7 @@ def run(w, law_p, h, u0, u1, out):
                 first_slope = slope0 - ss * dph
                 wrong = off * max(abs(first_slope), abs(slope1)) + 0.125 * abs((slope1 - first_slope) * y)
                 # volts that a motion beside the line moves, and the stress that they are
-                moves = 4.0 * se * c0 * rs / (c0 * rs + step) if currents else 0.0
+                moves = 4.0 * se * rc / (rc + step) if currents else 0.0
                 turned = moves * ring
                 if (sy > 0.0 or share > 0.0) and 4.0 * off > abs(y):
                     # a turn within the step, which friction and softening remember
@@ -430,14 +430,13 @@ def run(w, law_p, h, u0, u1, out):
                     grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** 0.25)
             if rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
                 # a motional current that comes early in the step and is over at its end
-                feed = step / (rs * c0)
-                wrong = 2.0 * abs(D * (e + D)) * feed * feed / (1.0 + feed * feed * feed)
+                wrong = 2.0 * abs(D * (e + D)) * charges * charges / (1.0 + charges * charges * charges)
                 # to first order it is known, at an even voltage
                 wrong *= min(1.0, 4.0 * abs(v1 - V) / max(abs(v1), abs(V)) + 4.0 * abs(D))
                 if wrong > _CIRCUIT_TOLERANCE:
                     # a step of several time constants says nothing about one within the first
                     third = 1.0 / 3.0
-                    step = (min(0.5 * step, rs * c0) if feed > 1.0
+                    step = (min(0.5 * step, rc) if charges > 1.0
                             else step * shorter(_CIRCUIT_TOLERANCE / wrong, third))
                     continue
                 if 8.0 * wrong > _CIRCUIT_TOLERANCE:
@@ -445,7 +444,7 @@ def run(w, law_p, h, u0, u1, out):
             if active > 0.0 and step > 1e-6 * whole:
                 # the tangent at the middle, and the current bent beside it
                 far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
-                wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, step / (rs * c0))
+                wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, charges)
                 if wrong > _CIRCUIT_TOLERANCE:
                     step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.5)
                     continue

@@ -117,16 +117,17 @@ def test_one_recording_of_another_size_is_of_another_actuator():
     assert "gain differs" not in s["statement"]
 
 
-def test_pairs_are_sought_first_where_they_promise_as_much_as_gains_take(monkeypatch):
-    """Less than that, and they are put off until gains have been tried; next to nothing, and they are not sought."""
-    asked = []
+def test_pairs_that_were_put_off_are_sought_where_gains_do_not_settle_it(monkeypatch):
+    """On the grids that the first search has filled."""
+    asked, grids = [], []
     monkeypatch.setattr(sought, "_taken_by_gains", lambda *_: 300.0)
     monkeypatch.setattr(sought, "_with_gains_that_matter", lambda *_: [])
     monkeypatch.setattr(sought, "_reread", lambda *_: None)
 
-    def watched(base, campaign, prior, looks, rng, otherwise, **_):
-        asked.append(otherwise is not None and otherwise(base))
-        return SimpleNamespace(best=SimpleNamespace(adequate=False), put_off=otherwise is not None)
+    def watched(base, campaign, prior, looks, rng, otherwise, memory, **_):
+        asked.append(otherwise(base))
+        grids.append(memory)
+        return SimpleNamespace(best=SimpleNamespace(adequate=False), put_off=asked[-1] > 0.0)
 
     monkeypatch.setattr(sought, "name_physics", watched)
     campaign = concealed(validate=False)
@@ -134,13 +135,15 @@ def test_pairs_are_sought_first_where_they_promise_as_much_as_gains_take(monkeyp
     seen = Seen(fit, fit.problem.pieces, prior)
     ready = SimpleNamespace(seen=seen, prior=prior, campaign=campaign, resolution_m=1e-7, limit=None)
     _, naming = sought.sought(ready, None, 3, np.random.default_rng(1), lambda *_: None)
-    assert asked == [300.0, False]
+    assert asked == [300.0, 0.0]
+    assert grids[0] is grids[1]
     assert not naming.put_off
 
 
 @pytest.mark.parametrize(("promised", "sought_first", "put_off"), [(310.0, True, False), (200.0, False, True),
                                                                    (90.0, False, False)])
 def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off):
+    """As much as gains take, or they are tried first; less than a third of that, and no pair is looked for at all."""
     campaign = concealed({"series_resistance": {"R_s_ohm": 3e5}, "strain_stiffening": {"beta": 300.0}}, validate=False)
     fit, prior = fitted(campaign)
     tried = []
