@@ -6,7 +6,6 @@ from scipy.integrate import quad
 
 from bayes_dea.models.plant_kernel import _dying
 
-
 CASES = [
     (x, times * x + beside)
     for x in (0.05, 0.7, 6.0) for times in (1.0, 2.0) for beside in (-0.3, -1.1e-3, -9e-4, 0.0, 9e-4, 1.1e-3, 2.0)
