@@ -7,7 +7,7 @@ the rows where something moves and averaged over the rows of a block by a sparse
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,8 @@ COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
 
 
 def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDArray[np.bool_]) -> csr_matrix:
-    """Matrix (blocks, nodes): straight lines between nodes, averaged over the observed rows of each block."""
+    """Matrix (blocks, nodes): lines between nodes, straight or smooth (`smooth`), averaged over the observed rows of
+    each block."""
     ends = np.cumsum(blocks.stop - blocks.start)  # among the rows of all blocks, one after another
     first = blocks.start - np.concatenate([[0], ends[:-1]])
     seen = np.zeros(blocks.n)
@@ -49,18 +50,48 @@ def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDAr
     total = int(np.sum(blocks.stop - blocks.start))
     for part in pieces(total, PIECE):
         seen += np.bincount(rows_of(part)[0], minlength=blocks.n)
+    rough = isinstance(nodes, Nodes) and nodes.is_rough
     matrix = csr_matrix((blocks.n, nodes.row.size))
     for part in pieces(total, PIECE):
         block, rows = rows_of(part)
-        left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
-        t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
-        w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
-        share = 1.0 / seen[block]
-        shares = np.concatenate([(1.0 - w) * share, w * share])
-        places = np.tile(block, 2), np.concatenate([left, left + 1])
-        matrix = matrix + csr_matrix((shares, places), shape=matrix.shape)
+        at, weights = smooth(nodes, time_s, rows) if rough else straight(nodes, time_s, rows)
+        places = np.tile(block, len(at)), at.ravel()
+        matrix = matrix + csr_matrix(((weights / seen[block]).ravel(), places), shape=matrix.shape)
     matrix.eliminate_zeros()
     return matrix
+
+
+def straight(nodes: Nodes | Path, time_s: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Nodes (2, n) beside rows (n,) and their weights in a straight line."""
+    left = np.clip(np.searchsorted(nodes.row, rows, side="right") - 1, 0, nodes.row.size - 2)
+    t0, t1 = nodes.time_s[left], nodes.time_s[left + 1]
+    w = np.clip((time_s[rows] - t0) / np.maximum(t1 - t0, 1e-300), 0.0, 1.0)
+    return np.stack([left, left + 1]), np.stack([1.0 - w, w])
+
+
+def smooth(nodes: Nodes | Path, time_s: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Nodes (4, n) beside rows (n,) and their weights in a cubic through them (Lagrange).
+
+    It passes through no corner: next to one it goes through nodes on the same side, three or two if there are no more.
+    """
+    assert isinstance(nodes, Nodes)
+    assert nodes.corners is not None
+    known = np.arange(nodes.size) if nodes.unread is None else np.delete(np.arange(nodes.size), nodes.unread)
+    # places among the nodes that are read: of corners, of the left neighbour, of the ends of its side
+    ends = np.unique(np.concatenate([[0], np.searchsorted(known, nodes.corners), [known.size - 1]]))
+    left = np.clip(np.searchsorted(nodes.row[known], rows, side="right") - 1, 0, known.size - 2)
+    side = np.clip(np.searchsorted(ends, left, side="right") - 1, 0, ends.size - 2)
+    low, high = ends[side], ends[side + 1]
+    at = np.clip(left - 1, low, np.maximum(high - 3, low)) + np.arange(4)[:, None]
+    on_this_side = at <= high
+    at = known[np.clip(at, 0, known.size - 1)]
+    t, weights = nodes.time_s[at], np.where(on_this_side, 1.0, 0.0)
+    for i in range(4):
+        for j in range(4):
+            both = on_this_side[i] & on_this_side[j] & (i != j)
+            apart = np.where(both, t[i] - t[j], 1.0)
+            weights[i] *= np.where(both, (time_s[rows] - t[j]) / apart, 1.0)
+    return at, weights
 
 
 @dataclass(frozen=True)
@@ -74,6 +105,15 @@ class Reading:
         """Block means (nb,) of values at the nodes (m,)."""
         return np.asarray(self.averaging @ values)
 
+    def of_blocks(self, at: NDArray[np.int64]) -> Reading:
+        """The same for some of the blocks (k,)."""
+        return replace(self, averaging=self.averaging[at])
+
+
+def read_at(nodes: Nodes, recording: Recording, blocks: Blocks, observed: NDArray[np.bool_]) -> Reading:
+    """A model worked out at these nodes."""
+    return Reading(nodes, averaging(nodes, recording.time_s, blocks, observed))
+
 
 def fewer(
     nodes: Nodes, recording: Recording, blocks: Blocks, observed: NDArray[np.bool_]
@@ -82,7 +122,7 @@ def fewer(
     few = make_nodes(recording, lines=True)
     if few.size >= nodes.size:
         return None
-    return Reading(few, averaging(few, recording.time_s, blocks, observed))
+    return read_at(few, recording, blocks, observed)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..models.model import Model
 from .descent import prior_derivatives
 from .journal import digest
+from .nearby import Nearby
 from .problem import Problem
 from .reduced import Piece
 from .refit import Fit, inverse
@@ -26,6 +27,7 @@ class Frame:
     def __init__(self, fit: Fit, far: bool = False) -> None:
         """far: what is tried from here changes the sensitivities, so that none is carried over."""
         self.fit, self.far = fit, far
+        self.nearby = Nearby(fit)
         #: by piece: nuisance (m, nb), its covariance (m, m), and the sensitivities (d, nb) less what it takes from them
         self._eliminated: list[tuple[Array, Array, Array]] = []
         total = None
@@ -56,7 +58,7 @@ class Frame:
         journal = problem.journal
         key = digest("tried", self.key, problem.key, q) if journal.kept else ""
         if key not in journal:
-            found = problem.clean(q, problem.reached_by(effects))
+            found = self.nearby.clean(problem, q, problem.reached_by(effects))
             clean = [x if x.size else known for x, known in zip(found, self.fit.clean, strict=True)]
             value, move = math.nan, np.empty(0)
             if all(np.isfinite(x).all() for x in clean):

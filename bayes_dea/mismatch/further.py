@@ -259,18 +259,14 @@ def _top(found: Sequence[Weighed], otherwise: Weighed) -> Weighed:
     return max((w for w in found if w.refitted), key=lambda w: w.log_evidence, default=otherwise)
 
 
-def _contains(wide: Weighed, narrow: Weighed) -> bool:
-    """Whether a single effect is another one at an end of its parameters."""
-    return len(wide.effects) == 1 and (CONTAINS.get(wide.effects[0]),) == narrow.effects
-
-
 def _narrowest(first: Weighed, weighed: Sequence[Weighed]) -> Weighed:
-    """The effect that a single one contains, where it explains as much but for what is little beside a further effect.
+    """The same with an effect that one of its own contains, where that explains as much but for what is little beside a
+    further effect.
 
-    What it lacks is looked for once there is another effect (`widened`).
+    What it lacks is looked for once there is another effect (`widened`), or as a further effect.
     """
     found = [
-        w for w in weighed if _contains(first, w) and w.refitted and w.log_evidence > first.log_evidence - RIVALS
+        w for w in weighed if _puts_back(w, first) and w.refitted and w.log_evidence > first.log_evidence - RIVALS
     ]
     return max(found, key=lambda w: w.log_evidence, default=first)
 
@@ -320,7 +316,7 @@ def in_place_of_the_first(
     reached = min((w.value for w in pairs), default=math.inf)
     known = {w.effects for w in pairs}
     for other in alike:
-        if _contains(other, first):
+        if _puts_back(first, other):
             continue  # a pair of that is looked for from the pair of this (`widened`)
         rest = [n for n in seconds if n not in other.effects and together(other.effects, n) not in known]
         start = freed(other, prior) if free else None

@@ -192,9 +192,23 @@ class Problem:
         return out
 
     # ------------------------------------------------------------ predictions
-    def clean(self, q: Array, only: Sequence[int] | None = None) -> list[Array]:
-        """Block means of the model's output for every piece, without gain and offset; nan where it has none."""
-        return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only)]
+    def clean(
+        self, q: Array, only: Sequence[int] | None = None, readings: Sequence[Reading] | None = None
+    ) -> list[Array]:
+        """Block means of the model's output for every piece, without gain and offset; nan where it has none.
+
+        only: pieces that are asked for, the others are empty; readings: where they are worked out, instead of the
+        nodes that they are compared at.
+        """
+        return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings)]
+
+    def roughly(self, q: Array, only: Sequence[int] | None = None) -> list[tuple[Reading, Array]]:
+        """`clean` at few nodes where the model is smooth: what a small change of q changes may be taken from it.
+
+        Returns where each piece was worked out, and its block means.
+        """
+        outputs = self._outputs(q, only, rough=True)
+        return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
@@ -203,22 +217,31 @@ class Problem:
             for p, (reading, x) in zip(self.pieces, self._outputs(q), strict=True)
         ]
 
-    def _outputs(self, q: Array, only: Sequence[int] | None = None) -> list[tuple[Reading, Array]]:
-        """The model's output at nodes of the pieces, with these; empty if not asked."""
+    def _plants(self, q: Array) -> list[Plant]:
+        """The model at q as a plant, by piece."""
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
+        plants: dict[Actuator, Plant] = {}
+        for piece in self.pieces:
+            actuator = piece.recording.actuator
+            if actuator not in plants:
+                plants[actuator] = plant_of(self.model, values, actuator)
+        return [plants[piece.recording.actuator] for piece in self.pieces]
+
+    def _outputs(
+        self,
+        q: Array,
+        only: Sequence[int] | None = None,
+        readings: Sequence[Reading] | None = None,
+        rough: bool = False,
+    ) -> list[tuple[Reading, Array]]:
+        """The model's output at nodes of the pieces, with these; empty if not asked."""
         zeros, _ = self.beside(q)
         out: list[tuple[Reading, Array]] = []
-        plants: dict[Actuator, Plant] = {}
-        for i, piece in enumerate(self.pieces):
+        for i, (piece, plant) in enumerate(zip(self.pieces, self._plants(q), strict=True)):
+            reading = piece.reading(plant, rough) if readings is None else readings[i]
             if only is not None and i not in only:
-                out.append((piece.reading(False), np.empty(0)))
-                continue
-            actuator = piece.recording.actuator
-            plant = plants.get(actuator)
-            if plant is None:
-                plant = plants[actuator] = plant_of(self.model, values, actuator)
-            reading = piece.reading(plant.is_smooth)
-            if isinstance(reading.where, Nodes):
+                out.append((reading, np.empty(0)))
+            elif isinstance(reading.where, Nodes):
                 out.append((reading, simulate_nodes(plant, reading.where, piece.past)))
             else:
                 path = reading.where
@@ -242,7 +265,8 @@ class Problem:
     ) -> list[Array]:
         """Derivatives of `clean` by the model's coordinates and the zeros, per piece (d + nz, nb).
 
-        which: coordinates, among: pieces that they are worked out for; zero for others.
+        base: `clean` at q; which: coordinates, among: pieces that they are worked out for; zero for others. Differences
+        are taken between predictions at few nodes (`rough_nodes`), whose own errors they hardly see.
         """
         n = self.model.dimension + self.zero_mean.size
         chosen = range(n) if which is None else which
@@ -250,6 +274,10 @@ class Problem:
         h = self.steps(q)
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
+        # all from the same nodes, also where a small change would make another choice of them
+        readings = [p.reading(plant, rough=True) for p, plant in zip(self.pieces, self._plants(q), strict=True)]
+        apart = [i for i in everything if readings[i] is self.pieces[i].rough]
+        here = [x if x.size else known for x, known in zip(self.clean(q, apart, readings), base, strict=True)]
         for j in chosen:
             only = [i for i in everything if driven is None or i in driven or j not in self._electrical]
             if j >= self.model.dimension:  # a zero moves its own recording alone
@@ -257,14 +285,14 @@ class Problem:
             moved = q.copy()
             moved[j] += h[j]
             step = h[j]
-            new = self.clean(moved, only)
+            new = self.clean(moved, only, readings)
             if not all(np.isfinite(x).all() for x in new):
                 moved[j] = q[j] - h[j]
                 step = -h[j]
-                new = self.clean(moved, only)
+                new = self.clean(moved, only, readings)
             for i, x in enumerate(new):
                 if x.size and np.isfinite(x).all():  # at the edge of what has an answer a coordinate stands still
-                    out[i][j] = (x - base[i]) / step
+                    out[i][j] = (x - here[i]) / step
         return out
 
     def gram(

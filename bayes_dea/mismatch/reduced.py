@@ -18,12 +18,13 @@ from scipy.sparse import csr_matrix
 from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
 from ..likelihood.linear_group import nuisance_sd
-from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer
+from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer, read_at
 from ..likelihood.position_scatter import at_rest, stiffness
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
-from ..models.nodes import Nodes, make_nodes, past_nodes
+from ..models.nodes import Nodes, make_nodes, past_nodes, rough_nodes
 from ..models.path import Path
+from ..models.plant import Plant
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from .journal import digest
@@ -36,6 +37,8 @@ Array = NDArray[np.float64]
 #: part of the scatter of a position that comes out as force where no line stands, in sds: what joins means of blocks
 #: smooths it (variance 0.59 in one block) and couples neighbours (1 in the mean of many); one white noise for both
 _SHOWN = 0.9
+#: share of the nodes of a recording that few ones have to be, at most, for changes to be taken from these
+_WORTH_IT = 0.8
 #: rows at rest before plates move, and the sds of a reading from which on a force jumps
 _AT_REST, _JUMP = 20, 8.0
 
@@ -56,6 +59,7 @@ class Piece:
     carried: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)  # (k, nb): its lines' errors, N
     nodes: Nodes | None = None  # of a voltage recording
     few: Reading | None = None  # fewer nodes, enough for a model whose answer to a smooth command is smooth
+    rough: Reading | None = None  # fewer still, for what a change of parameters changes (`rough_nodes`)
     past: Nodes | None = None  # whose memory it inherits
     path: Path | None = None  # of a mechanical recording
     averaging: csr_matrix = field(repr=False, kw_only=True)  # (nb, nodes)
@@ -83,9 +87,11 @@ class Piece:
         """Whether fits may see it."""
         return self.recording.role == "identify"
 
-    def reading(self, smooth: bool) -> Reading:
-        """The nodes for a model whose answer to a smooth command is smooth, or for any."""
-        if smooth and self.few is not None:
+    def reading(self, plant: Plant | None = None, rough: bool = False) -> Reading:
+        """The nodes that a plant, or any, needs; rough: for what a change of its parameters changes."""
+        if plant is not None and rough and self.rough is not None and plant.is_gentle:
+            return self.rough
+        if plant is not None and self.few is not None and plant.is_smooth:
             return self.few
         where = self.path if self.nodes is None else self.nodes
         assert where is not None
@@ -107,7 +113,8 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
         carried=piece.carried[:, at] if len(piece.carried) else piece.carried,
         white_variance=np.broadcast_to(piece.white_variance, b.n)[at],
         averaging=piece.averaging[at],
-        few=replace(piece.few, averaging=piece.few.averaging[at]) if piece.few is not None else None,
+        few=piece.few.of_blocks(at) if piece.few is not None else None,
+        rough=piece.rough.of_blocks(at) if piece.rough is not None else None,
     )
 
 
@@ -138,6 +145,7 @@ def again(piece: Piece, prepared: Prepared) -> Piece:
     assert piece.nodes is not None
     b = _voltage_blocks(prepared)
     masked = ~prepared.observed
+    few = fewer(piece.nodes, prepared.recording, b, prepared.observed)
     return replace(
         piece,
         prepared=prepared,
@@ -145,7 +153,8 @@ def again(piece: Piece, prepared: Prepared) -> Piece:
         y=block_means(np.where(masked, 0.0, prepared.y), b, masked),
         nuisance=block_means(prepared.nuisance().T, b, masked),
         averaging=averaging(piece.nodes, prepared.recording.time_s, b, prepared.observed),
-        few=fewer(piece.nodes, prepared.recording, b, prepared.observed),
+        few=few,
+        rough=_rough(prepared, b, piece.nodes, few),
     )
 
 
@@ -154,12 +163,21 @@ def renoded(piece: Piece, prepared: Prepared) -> Piece:
     nodes = make_nodes(prepared.recording)
     rows = averaging(nodes, prepared.recording.time_s, piece.blocks, prepared.observed)
     few = fewer(nodes, prepared.recording, piece.blocks, prepared.observed)
-    return replace(piece, prepared=prepared, nodes=nodes, averaging=rows, few=few)
+    rough = _rough(prepared, piece.blocks, nodes, few)
+    return replace(piece, prepared=prepared, nodes=nodes, averaging=rows, few=few, rough=rough)
 
 
 def gain_groups(assembled: Assembled) -> list[tuple[str, str]]:
     """(channel, specimen) of every gain."""
     return list(dict.fromkeys((p.channel, p.recording.specimen) for p in assembled.prepared))
+
+
+def _rough(p: Prepared, blocks: Blocks, nodes: Nodes, few: Reading | None) -> Reading | None:
+    """The recording at few nodes, where that is worth a second simulation at what changes are measured from."""
+    rough = rough_nodes(p.recording)
+    if rough.size > _WORTH_IT * (nodes.size if few is None else few.where.time_s.size):
+        return None
+    return read_at(rough, p.recording, blocks, p.observed)
 
 
 def _voltage_blocks(p: Prepared) -> Blocks:
@@ -171,6 +189,7 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
     masked = ~p.observed
     blocks = _voltage_blocks(p)
     nodes = make_nodes(p.recording)
+    few = fewer(nodes, p.recording, blocks, p.observed)
     return Piece(
         p,
         "displacement",
@@ -182,7 +201,8 @@ def _voltage_piece(p: Prepared, group: int, rate: int, sd: Array, recordings: li
         sd,
         nodes=nodes,
         averaging=averaging(nodes, p.recording.time_s, blocks, p.observed),
-        few=fewer(nodes, p.recording, blocks, p.observed),
+        few=few,
+        rough=_rough(p, blocks, nodes, few),
         past=past_nodes(memory(recordings, p.recording), p.recording, lines=True),
     )
 

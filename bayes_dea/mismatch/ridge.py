@@ -212,7 +212,7 @@ class _Place:
         log_prior = float(self.fit.problem.log_prior(q)[0])
         if not math.isfinite(log_prior):
             return nothing
-        clean = self.fit.problem.clean(q)
+        clean = self.frame.nearby.clean(self.fit.problem, q)
         if not all(np.isfinite(x).all() for x in clean):
             return nothing
         rr, cross = self.frame.residual(clean, q)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Recording
 from .electrostatics import filled_input
 from .lags import even_step
-from .slow_lines import slow_lines
+from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines
 
 #: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
 _STEP_GRID = 1.2
@@ -34,7 +34,8 @@ class Nodes:
     command at the row); row (m,) index of the row; n: rows of the recording; hold: convention of the recording;
     temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven. lines_V (2, m) V:
     start and end of the command in the interval that ends at each node, where `volts` and `hold` do not say it.
-    unread: nodes at which the output is to be read off straight between their neighbours. zero_m: of the
+    unread: nodes at which the output is to be read off straight between their neighbours. corners (k,): nodes at which
+    the command jumps or kinks, of nodes so few that the output is to be read off as smooth between them. zero_m: of the
     sensor in this recording, where the end of its range is a reading and not a displacement.
     """
 
@@ -47,12 +48,18 @@ class Nodes:
     step_s: float = 0.0
     lines_V: NDArray[np.float64] | None = field(default=None, repr=False)
     unread: NDArray[np.int64] | None = field(default=None, repr=False)
+    corners: NDArray[np.int64] | None = field(default=None, repr=False)
     zero_m: float = 0.0
 
     @property
     def size(self) -> int:
         """Number of nodes."""
         return int(self.row.size)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether they are few (`rough_nodes`)."""
+        return self.corners is not None
 
     def durations(self) -> NDArray[np.float64]:
         """Time from the node before to each node (m,) s, zero for the first one; not to be written to."""
@@ -109,6 +116,7 @@ def make_nodes(
     *,
     every_row: bool = False,
     lines: bool = False,
+    line_settings: LineSettings = FINE,
     fine_s: float = 0.3,
     growth: float = 0.025,
     cap_s: float = 1.0,
@@ -119,14 +127,11 @@ def make_nodes(
     Every row where the command changes, the row before it, and all rows for `fine_s` (s) after it; on stretches of
     constant command the spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a
     step have the command of the node at its end. lines: slow changes at every row are taken as lines of many rows
-    (`slow_lines`). extra_rows: further rows to include, without `lines`.
+    (`slow_lines`), as long as line_settings allow. extra_rows: further rows to include, without `lines`.
     """
     time_s = np.asarray(recording.time_s, float)
     n = time_s.size
-    volts = filled_input(np.asarray(recording.columns["voltage_V"], float))
-    if recording.hold == "start":
-        # what acts until a row is the command of the row before; before the first one nothing did
-        volts = np.concatenate([[0.0], volts[:-1]])
+    volts = _held_until(recording)
     step = even_step(time_s)
     if every_row:
         keep = np.ones(n, dtype=bool)
@@ -134,7 +139,8 @@ def make_nodes(
         keep = _coarse(time_s, volts, step, fine_s, growth, cap_s)
         keep[np.asarray(extra_rows, dtype=np.int64)] = True
     row = np.flatnonzero(keep)
-    slow = slow_lines(row, volts, step, recording.hold == "linear") if lines and step > 0 else None
+    linear = recording.hold == "linear"
+    slow = slow_lines(row, volts, step, linear, line_settings) if lines and step > 0 else None
     if slow is not None:
         row = slow.row
     temperature = recording.columns.get("temperature_C")
@@ -144,6 +150,24 @@ def make_nodes(
     if slow is None:
         return out
     return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread)
+
+
+def rough_nodes(recording: Recording) -> Nodes:
+    """Few nodes: enough for what a change of the parameters changes, not for what the recording is compared with.
+
+    The output is smooth between its corners, and is to be read off as that.
+    """
+    nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, growth=0.2, cap_s=5.0)
+    return replace(nodes, corners=np.searchsorted(nodes.row, corners(_held_until(recording))))
+
+
+def _held_until(recording: Recording) -> NDArray[np.float64]:
+    """The command (n,) V that acts until each row; with hold = "linear" the one at the row."""
+    volts = filled_input(np.asarray(recording.columns["voltage_V"], float))
+    if recording.hold == "start":
+        # what acts until a row is the command of the row before; before the first one nothing did
+        volts = np.concatenate([[0.0], volts[:-1]])
+    return volts
 
 
 def _coarse(

@@ -122,6 +122,15 @@ class Plant:
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
     @property
+    def is_gentle(self) -> bool:
+        """Whether it is smooth and nothing of its answer comes late and at once after a change of the command.
+
+        A delay, the end of a ramp or a ring does; friction remembers every turn; a temperature has changes of its own.
+        """
+        late = self.T_d_s > 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
+        return self.is_smooth and not late and self.sigma_y_Pa == 0.0 and self.alpha_T_m_per_K == 0.0
+
+    @property
     def _mass(self) -> float:
         """Per area and length (Pa s^2)."""
         speed = 2 * np.pi * self.f_1_Hz

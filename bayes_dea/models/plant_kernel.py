@@ -60,7 +60,8 @@ _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
     P_AQ, P_TAUQ,  # stored charge
     P_N, P_D, P_PAIR,  # real modes, strain that follows the stress at once (1/Pa), whether a pair swings
     P_CR, P_CI, P_TR, P_TI,  # the pair's first: coefficient (1/Pa), time constant (s)
-) = range(BEYOND, BEYOND + 19)
+    P_WHOLE,  # whether steps are taken as they are, however wrong
+) = range(BEYOND, BEYOND + 20)
 
 # ---- numbers that go from step to step
 (
@@ -71,14 +72,14 @@ _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
     X_OTHER,  # the same for those behind
     X_FRONT,  # which of the two is in front
     X_TRIED,  # steps tried since the state was prepared
-) = range(BEYOND + 19, BEYOND + 32)
+) = range(BEYOND + 20, BEYOND + 33)
 
 #: most real modes
 MODES = 28
 #: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
 _SUMS = 24
 _TABLE = 6 * MODES + _SUMS
-A_C = BEYOND + 34
+A_C = BEYOND + 35
 A_T = A_C + MODES
 A_X = A_T + MODES
 A_TABLES = A_X + MODES
@@ -208,6 +209,7 @@ def run(w, law_p, h, u0, u1, out):
     curved = law_id != HOOKE or beta != 0.0 or dE != 0.0 or share != 0.0 or sy > 0.0
     stretches, stores = thick or c_eps != 0.0, chi != 0.0 or aq != 0.0
     bends = curved or stretches
+    cuts = w[P_WHOLE] == 0.0
     currents = rs > 0.0 and pair  # a motion to and fro within a step drives currents that a mean does not know
     remembers = sy / w[P_EY] if sy > 0.0 else 0.0
     enough = _TOLERANCE if bends else _STRAIGHT_TOLERANCE
@@ -380,7 +382,7 @@ def run(w, law_p, h, u0, u1, out):
                 break
             grow = 2.0
             aside, pushed = 0.0, 0.0
-            if (bends or currents) and step > _SHORTEST * whole:
+            if cuts and (bends or currents) and step > _SHORTEST * whole:
                 # the middle as the modes know it, and the straight line that the law was taken along
                 mid = 0.5 * prompt_D * (p0 + p1) + tab[_U0] * p0 + tab[_U1] * p1
                 for j in range(n):
@@ -419,7 +421,7 @@ def run(w, law_p, h, u0, u1, out):
                         continue
                     if 8.0 * worst > _COURSE_TOLERANCE:
                         grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
-            if a == 0.0 and v_start != v_end and step > _SHORTEST * whole:
+            if cuts and a == 0.0 and v_start != v_end and step > _SHORTEST * whole:
                 # the square of a straight voltage, where modes are quick enough to see that it is no line
                 volts = (V if rs > 0.0 else v_start) - vq
                 wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[_BOW]
@@ -428,7 +430,7 @@ def run(w, law_p, h, u0, u1, out):
                     continue
                 if 4.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** 0.25)
-            if rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
+            if cuts and rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
                 # a motional current that comes early in the step and is over at its end
                 wrong = 2.0 * abs(D * (e + D)) * charges * charges / (1.0 + charges * charges * charges)
                 # to first order it is known, at an even voltage
@@ -441,7 +443,7 @@ def run(w, law_p, h, u0, u1, out):
                     continue
                 if 8.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** (1.0 / 3.0))
-            if active > 0.0 and step > 1e-6 * whole:
+            if cuts and active > 0.0 and step > 1e-6 * whole:
                 # the tangent at the middle, and the current bent beside it
                 far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
                 wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, charges)

@@ -11,7 +11,7 @@ from .electrostatics import VOLTAGE_GEOMETRY
 from .mechanics import GKV, strain_driven_kernel
 from .nodes import Nodes
 from .plant import Plant
-from .plant_kernel import drive_voltage
+from .plant_kernel import P_WHOLE, drive_voltage
 from .plate_kernel import drive_position
 from .static import law_stress_tangent
 from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
@@ -39,7 +39,8 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
         h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
         command = np.concatenate([past.command(), command], axis=1)
         rows = np.concatenate([past.rows(), rows])
-    out = nodes.read(plant.stroke_m * _strain(plant, h, command[0], command[1], rows)[-nodes.size:])
+    strain = _strain(plant, h, command[0], command[1], rows, whole=nodes.is_rough)
+    out = nodes.read(plant.stroke_m * strain[-nodes.size :])
     if plant.alpha_T_m_per_K != 0.0:
         if nodes.temperature_C is None:
             raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
@@ -48,7 +49,10 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     return out
 
 
-def _strain(plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray) -> NDArray[np.float64]:
+def _strain(
+    plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray, whole: bool = False
+) -> NDArray[np.float64]:
+    """Strain (m,) after steps h (m,) s, the command straight from u0 to u1 (m,) V in each; whole: none is cut."""
     at = None
     if plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
         limits = (plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
@@ -61,7 +65,9 @@ def _strain(plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray) -
         h, u0, u1 = lines[0, :many], lines[1, :many], lines[2, :many]
     out = np.empty(h.size)
     if not plant.is_linear and not plant.swings and plant.creep is None:
-        drive_voltage(plant.kernel_numbers(), plant.law, h, u0, u1, out)
+        w = plant.kernel_numbers()
+        w[P_WHOLE] = whole
+        drive_voltage(w, plant.law, h, u0, u1, out)
         return out if at is None else out[at]
     h, u0, u1, at = _cut(h, u0, u1, at)
     start, end, out = np.empty(h.size), np.empty(h.size), np.empty(h.size)

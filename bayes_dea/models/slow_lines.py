@@ -16,16 +16,37 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: a command is smooth where it bends from row to row by this share of its largest size at most, and a bend beyond the
-#: second figure is a jump; share by which a line may miss its rows
-_BEND, _JUMP, _MISSED = 1e-4, 5e-3, 2.5e-5
-#: change of the command within a group, as a share of its largest size: the square of it, read off straight, is out by
-#: a sixth of the square of this on average
-_CHANGE = 0.008
-#: time after a jump and after a kink in which every row is kept (s), share of the time since either that a group lasts
-_AFTER_JUMP_S, _AFTER_KINK_S, _SINCE = 0.3, 0.1, 0.05
-#: fewest rows of a group, held rows at its end
-_FEWEST, _LAST = 12, 2
+#: share of a command's largest size from which on a bend from row to row is a jump
+_JUMP = 5e-3
+#: the same for a kink, and how many times more than two rows before and after the command bends there
+_KINK, _SHARP = 1.5e-4, 4.0
+
+
+@dataclass(frozen=True)
+class LineSettings:
+    """How long a group may be.
+
+    bend: share of a command's largest size up to which it is smooth where it bends from row to row. missed: the same by
+    which a line may miss its rows. change: of the command within a group, as a
+    share of its largest size: the square of it, read off straight, is out by a sixth of the square of this on average.
+    after_jump_s, after_kink_s (s): time in which every row is kept. since: share of the time since either that a group
+    lasts. fewest: rows of a group, last: held rows at its end.
+    """
+
+    bend: float = 1e-4
+    missed: float = 2.5e-5
+    change: float = 0.008
+    after_jump_s: float = 0.3
+    after_kink_s: float = 0.1
+    since: float = 0.05
+    fewest: int = 12
+    last: int = 2
+
+
+#: enough for a posterior: within hundredths of what a sensor resolves
+FINE = LineSettings()
+#: enough for what a small change of the parameters changes, to a few thousandths of it
+ROUGH = LineSettings(_JUMP, 3e-3, 0.15, 0.01, 0.005, 0.5, 6)
 
 
 @dataclass(frozen=True)
@@ -42,7 +63,9 @@ class Lines:
     unread: NDArray[np.int64]
 
 
-def slow_lines(row: NDArray[np.int64], volts: Array, step_s: float, linear: bool) -> Lines | None:
+def slow_lines(
+    row: NDArray[np.int64], volts: Array, step_s: float, linear: bool, settings: LineSettings = FINE
+) -> Lines | None:
     """Groups of rows (see module) among the rows (m,) that are known so far; None where there are none.
 
     volts (n,): the command at every row, held until the row or, with `linear`, straight between rows.
@@ -50,30 +73,45 @@ def slow_lines(row: NDArray[np.int64], volts: Array, step_s: float, linear: bool
     largest = float(np.max(np.abs(volts)))
     if largest == 0.0 or row.size < 3:
         return None
-    room = _room(volts, largest, step_s)
+    room = _room(volts, largest, step_s, settings)
     # rows that are left out already stand still
     room[:-1][np.isin(np.arange(volts.size - 1) + 1, row, invert=True)] = 0
-    starts = np.flatnonzero(room >= _FEWEST)
-    last = 0 if linear else _LAST
+    starts = np.flatnonzero(room >= settings.fewest)
+    last = 0 if linear else settings.last
     groups = []
     at = 0
     while at < starts.size:
         r = int(starts[at])
-        group = _group(volts, r, int(room[r]), last, largest, linear)
+        group = _group(volts, r, int(room[r]), last, largest, linear, settings)
         if group is not None:
             groups.append(group)
         at = int(np.searchsorted(starts, r + 1 if group is None else group[1]))
     return _joined(row, volts, groups, last, linear) if groups else None
 
 
-def _room(volts: Array, largest: float, step_s: float) -> NDArray[np.int64]:
+def corners(volts: Array) -> NDArray[np.int64]:
+    """Rows (k,) at which a command (n,) V jumps or kinks: it bends there far more than before and after."""
+    bend = _bend(volts)
+    beside = np.pad(bend, 2)
+    beside = np.maximum(beside[:-4], beside[4:])
+    return np.flatnonzero(bend > np.maximum(_KINK * np.max(np.abs(volts)), _SHARP * beside))
+
+
+def _bend(volts: Array) -> Array:
+    """Change of the change (n,) at each row, zero at the ends."""
+    out = np.zeros(volts.size)
+    out[1:-1] = np.abs(np.diff(volts, 2))
+    return out
+
+
+def _room(volts: Array, largest: float, step_s: float, settings: LineSettings) -> NDArray[np.int64]:
     """Rows (n,) that a group which begins at a row may have, the deviation from a line apart."""
     n = volts.size
     at = np.arange(n)
     change = np.diff(volts)
-    bend = np.zeros(n)
-    bend[1:-1] = np.abs(np.diff(change))
-    rough = bend > _BEND * largest
+    bend = _bend(volts)
+    rough = bend > settings.bend * largest
+    rough[corners(volts)] = True
     rough[[0, -1]] = True
     jump = rough & (bend > _JUMP * largest)
     jump[0] = True
@@ -83,18 +121,18 @@ def _room(volts: Array, largest: float, step_s: float) -> NDArray[np.int64]:
     since = at - np.maximum.accumulate(np.where(rough, at, 0))
     until = np.minimum.accumulate(np.where(turns, at, n)[::-1])[::-1]
     until = np.append(until[1:], n - 1)  # a group may begin at a turn
-    out = np.minimum((_SINCE * since).astype(np.int64), until - at)
-    out[(since_jump * step_s < _AFTER_JUMP_S) | (since * step_s < _AFTER_KINK_S)] = 0
+    out = np.minimum((settings.since * since).astype(np.int64), until - at)
+    out[(since_jump * step_s < settings.after_jump_s) | (since * step_s < settings.after_kink_s)] = 0
     speed = np.abs(np.append(change, 0.0))
-    out = np.minimum(out, np.minimum(_CHANGE * largest / np.maximum(speed, 1e-300), 1e9).astype(np.int64))
+    out = np.minimum(out, np.minimum(settings.change * largest / np.maximum(speed, 1e-300), 1e9).astype(np.int64))
     return np.asarray(out)
 
 
 def _group(
-    volts: Array, r: int, room: int, last: int, largest: float, linear: bool
+    volts: Array, r: int, room: int, last: int, largest: float, linear: bool, settings: LineSettings
 ) -> tuple[int, int, float, float] | None:
     """First and last row of a group from row r on, its line's ends (V)."""
-    while room >= _FEWEST:
+    while room >= settings.fewest:
         k = room - last
         rows = volts[r + 1 : r + k + 1]
         slope = float(rows[-1] - rows[0]) / (k - 1)
@@ -105,7 +143,7 @@ def _group(
             mean = float(rows.mean())
             start, end = mean - 0.5 * slope * k, mean + 0.5 * slope * k
         missed = rows - (mean + slope * (np.arange(k) - 0.5 * (k - 1) + (0.5 if linear else 0.0)))
-        if np.abs(missed).max() <= _MISSED * largest and slope != 0.0:
+        if np.abs(missed).max() <= settings.missed * largest and slope != 0.0:
             return r, r + room, start, end
         room = int(0.7 * room)
     return None

@@ -9,9 +9,10 @@ from effect_reference import ACTUATOR, BASE, held
 from bayes_dea.campaign import recording_from_arrays
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
-from bayes_dea.models.nodes import make_nodes, past_nodes
+from bayes_dea.models.nodes import make_nodes, past_nodes, rough_nodes
 from bayes_dea.models.plant import plant_of
 from bayes_dea.models.simulate_plant import simulate_nodes
+from bayes_dea.models.slow_lines import corners
 
 UM = 1e-6
 T = np.arange(24_000) * 1e-3
@@ -130,3 +131,26 @@ def test_limits_corners_and_ringing_need_every_row():
     for name in ROUGH:
         assert not any(p.is_smooth for p in plants(name, **({"f_1_Hz": 99.0} if name == "inertia" else {})))
     assert not any(p.is_smooth for p in plants("inertia", f_1_Hz=390.0, zeta=0.0125))
+
+
+def test_corners_are_where_a_command_bends_far_more_than_beside():
+    jump, kink = 501, np.flatnonzero(np.abs(np.diff(TRIANGLE, 2)) > 0.2)[2:] + 1
+    assert corners(np.where(T > 0.5, 800.0, 0.0)).tolist() == [jump - 1, jump]
+    found = corners(TRIANGLE)
+    assert set(kink.tolist()) <= set(found.tolist())
+    assert found.size <= kink.size + 3
+    # a quick sine bends as much at every row as a slow triangle does at its kinks
+    quick = 650 + 400 * np.sin(2 * np.pi * 8.0 * T)
+    assert np.abs(np.diff(quick, 2)).max() > 3 * np.abs(np.diff(TRIANGLE, 2)[3000:3004]).max()
+    assert corners(quick).size == 0
+
+
+def test_rough_nodes_are_few_also_where_a_command_is_quick():
+    quick = 650 + 400 * np.sin(2 * np.pi * 8.0 * T)
+    r = recording(np.where(T > 0.5, quick, 0.0))
+    # a change of 2 % from row to row leaves no room
+    assert make_nodes(r, lines=True).size == make_nodes(r).size
+    rough = rough_nodes(r)
+    assert rough.size < 0.55 * T.size
+    assert make_nodes(r, lines=True).corners is None
+    np.testing.assert_array_equal(rough.row[rough.corners], corners(r.columns["voltage_V"]))

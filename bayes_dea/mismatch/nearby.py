@@ -1,0 +1,45 @@
+"""Predictions beside those of a fit: what changes is worked out at few nodes (`rough_nodes`), added to what is
+known.
+
+Few nodes miss a prediction by a thousandth or so, and its change by a thousandth of that: nothing beside a fit, and
+little as far from it as a search looks around.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .problem import Problem
+from .refit import Fit
+
+Array = NDArray[np.float64]
+
+
+class Nearby:
+    """Predictions of a fit's model elsewhere, or of another model on its recordings."""
+
+    def __init__(self, fit: Fit) -> None:
+        """fit: whose predictions are known."""
+        self.fit = fit
+
+    @cached_property
+    def _rough(self) -> list[Array]:
+        """The fit's own predictions at few nodes, where there are some."""
+        problem = self.fit.problem
+        there = [i for i, p in enumerate(problem.pieces) if p.rough is not None]
+        return problem.clean(self.fit.q, there, [p.rough or p.reading() for p in problem.pieces])
+
+    def clean(self, problem: Problem, q: Array, only: Sequence[int] | None = None) -> list[Array]:
+        """`Problem.clean` of another problem on the same pieces, but for what few nodes miss of the difference.
+
+        A model that is not smooth is worked out at all its nodes.
+        """
+        found = zip(problem.pieces, problem.roughly(q, only), strict=True)
+        return [
+            self.fit.clean[i] + (x - self._rough[i]) if x.size and reading is piece.rough else x
+            for i, (piece, (reading, x)) in enumerate(found)
+        ]

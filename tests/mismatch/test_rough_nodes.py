@@ -1,0 +1,121 @@
+"""What a change of the parameters changes is worked out at few nodes; what is compared with readings is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed, problem_of
+
+from bayes_dea.likelihood.plant_group import smooth, straight
+from bayes_dea.mismatch.hypotheses import extended
+from bayes_dea.mismatch.nearby import Nearby
+from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.models.effects import registered_effects
+from bayes_dea.models.nodes import Nodes
+from bayes_dea.models.plant import plant_of
+
+#: what acts late and at once after a change of the command, or is no smooth answer to a smooth command
+AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation", "supply_dead_zone", "inertia",
+               "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup", "sensor_clipping")
+#: relative error of their sensitivities: of the others' that of a curve read through few nodes; a sensor's
+#: lag takes what lies between them as straight, and of a lag far below the sampling there is next to nothing to be known
+WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06}
+#: needs a column of its own
+TEMPERATURE = "thermal_expansion"
+GENTLE = [name for name, effect in registered_effects().items() if "voltage" in effect.acts_on
+          and name not in (*AT_ALL_ROWS, TEMPERATURE)]
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return problem_of(concealed({}))
+
+
+def with_effect(problem, name, rng):
+    """The problem and coordinates with an effect, or none, at a draw from its prior."""
+    problem, _, q = problem
+    model = extended(problem.model, [name], {}) if name else problem.model
+    drawn = model.from_prior_coordinates(model.priors.draw(1, rng))[0]
+    known = dict(zip(problem.model.priors.names, q, strict=False))
+    start = [known.get(n, x) for n, x in zip(model.priors.names, drawn, strict=True)]
+    return problem.with_model(model), np.concatenate([start, q[problem.model.dimension :]])
+
+
+def without_rough(problem: Problem) -> Problem:
+    return replace(problem, pieces=tuple(replace(p, rough=None) for p in problem.pieces))
+
+
+@pytest.mark.parametrize("name", ["", *GENTLE])
+def test_sensitivities_by_few_nodes_are_those_by_many(campaign, name):
+    problem, q = with_effect(campaign, name, np.random.default_rng(5))
+    voltage = [(p, plant_at(problem, q, p)) for p in problem.pieces if p.nodes is not None]
+    assert all(p.reading(plant, rough=True) is p.rough for p, plant in voltage)
+    few = sum(p.rough.where.size for p, _ in voltage)
+    assert few < 0.4 * sum(p.reading(plant).where.size for p, plant in voltage)
+    clean = problem.clean(q)
+    rough, fine = problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean)
+    for j in range(len(rough[0])):
+        wrong = np.sqrt(sum(np.sum((a[j] - b[j]) ** 2) for a, b in zip(rough, fine, strict=True)))
+        size = np.sqrt(sum(np.sum(b[j] ** 2) for b in fine))
+        assert wrong <= COARSER.get(name, WRONG) * size, problem.names[j]
+
+
+def plant_at(problem, q, piece):
+    values = {k: float(v[0]) for k, v in problem.model.physical(q[None, : problem.model.dimension]).items()}
+    return plant_of(problem.model, values, piece.recording.actuator)
+
+
+@pytest.mark.parametrize("name", AT_ALL_ROWS)
+def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name):
+    problem, q = with_effect(campaign, name, np.random.default_rng(5))
+    for p in problem.pieces:
+        assert p.reading(plant_at(problem, q, p), rough=True) is not p.rough
+    assert not plant_at(*with_effect(campaign, TEMPERATURE, np.random.default_rng(5)), problem.pieces[0]).is_gentle
+    clean = problem.clean(q)
+    for a, b in zip(problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_predictions_nearby_are_those_at_all_nodes(campaign):
+    """A thousandth of what changes; at the fit nothing changes, and the predictions are its own to the last digit."""
+    problem, prior, q = campaign
+    fit = refit(problem, q, prior.start(), prior)
+    nearby = Nearby(fit)
+    for a, b in zip(nearby.clean(problem, fit.q), fit.clean, strict=True):
+        np.testing.assert_array_equal(a, b)
+    other, there = with_effect((problem, prior, fit.q), "dielectric_absorption", np.random.default_rng(5))
+    changed = 0.0
+    for a, b, c in zip(nearby.clean(other, there), other.clean(there), fit.clean, strict=True):
+        assert np.sqrt(np.mean((a - b) ** 2)) <= 0.005 * np.sqrt(np.mean((b - c) ** 2))
+        changed = max(changed, float(np.abs(b - c).max()))
+    assert changed > 1e-7
+    part = nearby.clean(other, there, only=[0])
+    assert part[0].size > 0
+    assert all(x.size == 0 for x in part[1:])
+
+
+def test_between_few_nodes_the_output_is_a_cubic_on_each_side_of_a_corner():
+    row = np.array([0, 1, 2, 3, 5, 8, 12, 17, 23, 30, 38, 47])
+    t = 1e-3 * np.arange(48)
+    nodes = Nodes(t[row], 0.0 * row, row, 48, step_s=1e-3, corners=np.array([6]), unread=np.array([3, 9]))
+    rows = np.arange(48)
+    x = 40.0 * t
+
+    def cubic(x):
+        return 1.0 - x + 2.0 * x * x - 0.7 * x**3
+
+    def read(between, y):
+        at, weights = between(nodes, t, rows)
+        assert np.abs(weights.sum(axis=0) - 1.0).max() < 1e-12
+        used = np.unique(at[weights != 0.0])
+        return (weights * y[at]).sum(axis=0), used
+
+    y, used = read(smooth, cubic(x[row]))
+    np.testing.assert_allclose(y, cubic(x), rtol=0, atol=1e-12)
+    assert not {3, 9} & set(used.tolist())  # what is not read says nothing
+    # a kink at row 12: either side by itself, where a straight line is 0.02 out
+    kinked = np.where(x < x[12], cubic(x), cubic(x[12]) + 3.0 * (x - x[12]) + (x - x[12]) ** 2)
+    y, _ = read(smooth, kinked[row])
+    np.testing.assert_allclose(y, kinked, rtol=0, atol=1e-12)
+    assert np.abs(read(straight, kinked[row])[0] - kinked).max() > 0.005
