@@ -17,9 +17,10 @@ from bayes_dea.models.plant import plant_of
 
 #: what acts late and at once after a change of the command, or is no smooth answer to a smooth command
 AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation", "supply_dead_zone", "inertia",
-               "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup", "sensor_clipping")
-#: relative error of their sensitivities: of the others' that of a curve read through few nodes; a sensor's
-#: lag takes what lies between them as straight, and of a lag far below the sampling there is next to nothing to be known
+               "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup",
+               "sensor_clipping")
+#: relative error of sensitivities: that of a curve read through few nodes; a sensor's lag takes what lies between them
+#: as straight, and of a lag far below the sampling there is next to nothing to be known
 WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06}
 #: needs a column of its own
 TEMPERATURE = "thermal_expansion"
