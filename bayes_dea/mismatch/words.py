@@ -61,7 +61,9 @@ def statement(
         if fix.get("stage") in (None, "unknown"):
             lives = "its form does not tell in which stage it lives"
         text = f"Something was left out that is not on the list ({confidence}): {lives}."
-        return text + ("" if partial == NONE else f" The best partial explanation is {partial}; it does not mend all.")
+        if partial == NONE:
+            return text
+        return f"{text} The best partial explanation is {partial}; it does not mend all.{_at_its_end(naming)}"
     # what the readings show by themselves has its numbers in the hypothesis alone
     values = {k: v["mean"] for k, v in summary["hypotheses"][0]["parameters"].items()}
     effects: tuple[str, ...] = ()
@@ -87,6 +89,21 @@ def statement(
     mended = f" With it {numbers}." if numbers else ""
     less = " What it leaves is less than one resolution step and not claimed." if naming.best.below_a_step else ""
     return f"{text} ({confidence}).{mended}{less}{doubt}"
+
+
+def _at_its_end(naming: Naming) -> str:
+    """What to say of an explanation that is as strong as its priors allow; empty where it is not."""
+    weighed = naming.best.weighed
+    model, values = weighed.fit.problem.model, weighed.fit.values()
+    own = {p.name for e in weighed.effects for p in registered_effects()[e].parameters_in(weighed.effects)}
+    ends = [
+        f"{p.name} = {values[p.name]:.3g}{'' if p.unit == '1' else ' ' + p.unit}"
+        for coordinate, p in zip(model.coordinate_names, model.priors.free, strict=True)
+        if p.name in own and coordinate in weighed.fit.at_bound
+    ]
+    if not ends:
+        return ""
+    return f" It stands at the end of what its prior allows ({', '.join(ends)}); where more may be, say so with --prior."
 
 
 def _with_shift(name: str, delay_s: float | None) -> str:
