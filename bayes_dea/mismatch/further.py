@@ -473,7 +473,10 @@ def second_thoughts(
     out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say, w.value)]
     if len(w.effects) == 2 and len(out) > 1:
         second, first = sorted(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
-        out += beside_the_second(w, second, base, model, names, prior, overrides, say)
+        # beside what is dear and explains next to nothing alone there is nobody to take the place of the first
+        idle = DEAR.intersection(second.effects) and excess(second.fit, prior) > (1.0 - _PART) * excess(base, prior)
+        if not idle:
+            out += beside_the_second(w, second, base, model, names, prior, overrides, say)
         leaves_most = excess(first.fit, prior) > _NEXT * excess(base, prior)
         if leaves_most and explains is not None and not explains(_top(out[2:], w).fit):
             # what led alone may be neither of the two

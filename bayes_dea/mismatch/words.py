@@ -103,7 +103,7 @@ def _at_its_end(naming: Naming) -> str:
     ]
     if not ends:
         return ""
-    return f" It stands at the end of what its prior allows ({', '.join(ends)}); where more may be, say so with --prior."
+    return f" It stands at an end of its prior ({', '.join(ends)}); where more may be, say so with --prior."
 
 
 def _with_shift(name: str, delay_s: float | None) -> str:

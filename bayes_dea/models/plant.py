@@ -123,12 +123,15 @@ class Plant:
 
     @property
     def is_gentle(self) -> bool:
-        """Whether it is smooth and nothing of its answer comes late and at once after a change of the command.
+        """Whether few nodes (`rough_nodes`) know what a small change of it changes, to a few hundredths.
 
-        A delay, the end of a ramp or a ring does; friction remembers every turn; a temperature has changes of its own.
+        Not where its answer has corners at times of its own (a limit, the end of a ramp, every turn of friction) or
+        comes late and at once (a delay, a ring), nor where a temperature has changes of its own. A dead zone has its
+        corner where hardly any stress is, and softening where a maximum is left behind by little.
         """
+        limits = min(self.V_max_V, self.y_max_m) < np.inf or self.sigma_y_Pa > 0.0
         late = self.T_d_s > 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
-        return self.is_smooth and not late and self.sigma_y_Pa == 0.0 and self.alpha_T_m_per_K == 0.0
+        return not (limits or late or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
 
     @property
     def _mass(self) -> float:

@@ -164,6 +164,48 @@ def test_beside_a_leak_that_is_hardly_more_than_its_resistance_the_resistance_is
     assert start is leak
 
 
+def test_a_leak_in_a_pair_that_is_hardly_more_than_its_resistance_is_looked_for_as_a_third(monkeypatch):
+    """A pair whose leak does nothing led by chance: with the leak there already, no grid would have looked for it."""
+    asked = []
+
+    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+        asked.append(best.effects)
+        return []
+
+    monkeypatch.setattr(further, "beside", beside)
+    idle, plain = (Stub((first, "strain_stiffening"), 100.0, 900.0) for first in ("leakage", "series_resistance"))
+    given = (None, NAMES, None, {}, None, None, lambda fit: False, lambda w: w)
+    start, _ = further.beside_the_leader(idle, [idle, plain], *given)
+    assert (start, asked) == (plain, [plain.effects])
+    # beside another second effect it says nothing, nor where the leak is needed
+    other = Stub(("series_resistance", "sensor_drift"), 100.0, 900.0)
+    needed = Stub(("series_resistance", "strain_stiffening"), 50.0, 950.0)
+    start, _ = further.beside_the_leader(idle, [idle, other, needed], *given)
+    assert start is idle
+
+
+def test_what_is_dear_and_explains_nothing_alone_gets_no_other_first(monkeypatch):
+    """A mass beside friction took forty seconds to be paired with everything, though alone it left all there was."""
+    asked = []
+    monkeypatch.setattr(further, "extended", lambda model, effects, given: tuple(effects))
+    monkeypatch.setattr(further, "law_of", lambda w: {})
+    monkeypatch.setattr(further, "beside_the_second", lambda w, alone, *_: asked.append(alone.effects) or [])
+    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+
+    def thoughts(second, left):
+        alone = {("rate_independent_hysteresis",): Stub(("rate_independent_hysteresis",), 50.0, 40.0),
+                 (second,): Stub((second,), 10.0, left)}
+        monkeypatch.setattr(further, "within", lambda w, base, m, prior: alone[m])
+        asked.clear()
+        pair = Stub(("rate_independent_hysteresis", second), 100.0, 5.0)
+        further.second_thoughts(pair, 1000.0, None, NAMES, None, {}, lambda *_: None, None)
+        return asked
+
+    assert thoughts("inertia", 990.0) == []
+    assert thoughts("inertia", 900.0) == [("inertia",)]
+    assert thoughts("supply_dead_zone", 990.0) == [("supply_dead_zone",)]
+
+
 def test_beside_what_explains_next_to_nothing_no_pair_is_looked_for(monkeypatch):
     """Of what the base leaves the curvature explains two thirds, a dead zone a third, a damper a hundredth."""
     asked = []

@@ -15,13 +15,14 @@ from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.nodes import Nodes
 from bayes_dea.models.plant import plant_of
 
-#: what acts late and at once after a change of the command, or is no smooth answer to a smooth command
-AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation", "supply_dead_zone", "inertia",
-               "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup",
+#: what has corners of its own, or acts late and at once after a change of the command
+AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation", "inertia",
+               "rate_independent_hysteresis", "acquisition_delay", "mains_pickup",
                "sensor_clipping")
 #: relative error of sensitivities: that of a curve read through few nodes; a sensor's lag takes what lies between them
-#: as straight, and of a lag far below the sampling there is next to nothing to be known
-WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06}
+#: as straight, of a lag far below the sampling there is next to nothing to be known, and the maxima that softening
+#: remembers lie between nodes
+WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06, "mullins_softening": 0.08}
 #: needs a column of its own
 TEMPERATURE = "thermal_expansion"
 GENTLE = [name for name, effect in registered_effects().items() if "voltage" in effect.acts_on

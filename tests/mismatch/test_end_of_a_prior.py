@@ -1,0 +1,48 @@
+"""A partial explanation that is as strong as its prior allows is said to be."""
+
+from dataclasses import replace
+
+import pytest
+from concealed_campaigns import concealed, problem_of
+
+from bayes_dea.mismatch.hypotheses import extended
+from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.relabel import within
+from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.words import _at_its_end
+from bayes_dea.priors import Prior
+
+
+class Best:
+    def __init__(self, weighed):
+        self.weighed, self.best = weighed, self
+
+
+@pytest.fixture(scope="module")
+def absorbing():
+    """A tenth of the polarisation is late, and a prior that allows a twentieth."""
+    problem, prior, q = problem_of(concealed({"dielectric_absorption": {"chi": 0.1, "tau_d_s": 2.0}}))
+    base = refit(problem, q, prior.start(), prior)
+
+    def fitted(**given):
+        model = extended(problem.model, ["dielectric_absorption"], given)
+        return within(Weighed((), base, base.log_evidence, 0.1, 0.0), base, model, prior)
+
+    return fitted
+
+
+def test_it_is_named_with_its_value(absorbing):
+    found = absorbing(chi=Prior("loguniform", 0.0005, 0.05))
+    assert found.effects == ("dielectric_absorption",)
+    said = _at_its_end(Best(found))
+    assert "chi = 0.05" in said
+    assert "tau_d_s" not in said
+    assert "--prior" in said
+
+
+def test_nothing_is_said_where_there_is_room_or_of_the_base(absorbing):
+    found = absorbing()
+    assert found.fit.values()["chi"] == pytest.approx(0.1, rel=0.1)
+    assert _at_its_end(Best(found)) == ""
+    name = found.fit.problem.model.coordinate_names[0]
+    assert _at_its_end(Best(replace(found, fit=replace(found.fit, at_bound=(name,))))) == ""
