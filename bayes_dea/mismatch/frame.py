@@ -58,7 +58,7 @@ class Frame:
         journal = problem.journal
         key = digest("tried", self.key, problem.key, q) if journal.kept else ""
         if key not in journal:
-            found = self.nearby.clean(problem, q, problem.reached_by(effects))
+            found = self.nearby.clean(problem, q, problem.reached_by(effects), to_look=True)
             clean = [x if x.size else known for x, known in zip(found, self.fit.clean, strict=True)]
             value, move = math.nan, np.empty(0)
             if all(np.isfinite(x).all() for x in clean):

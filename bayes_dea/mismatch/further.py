@@ -473,8 +473,8 @@ def second_thoughts(
     out += [t for pair in narrow_ones for t in widened(pair, base, model, names, prior, laws, say, w.value)]
     if len(w.effects) == 2 and len(out) > 1:
         second, first = sorted(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
-        # beside what is dear and explains next to nothing alone there is nobody to take the place of the first
-        idle = DEAR.intersection(second.effects) and excess(second.fit, prior) > (1.0 - _PART) * excess(base, prior)
+        # a mass that explains next to nothing by itself, dear as it is, says little of what it rings beside
+        idle = MASS in second.effects and excess(second.fit, prior) > (1.0 - _PART) * excess(base, prior)
         if not idle:
             out += beside_the_second(w, second, base, model, names, prior, overrides, say)
         leaves_most = excess(first.fit, prior) > _NEXT * excess(base, prior)

@@ -31,14 +31,16 @@ class Nearby:
         """The fit's own predictions at few nodes, where there are some."""
         problem = self.fit.problem
         there = [i for i, p in enumerate(problem.pieces) if p.rough is not None]
-        return problem.clean(self.fit.q, there, [p.rough or p.reading() for p in problem.pieces])
+        return problem.clean(self.fit.q, there, [p.rough or p.every for p in problem.pieces])
 
-    def clean(self, problem: Problem, q: Array, only: Sequence[int] | None = None) -> list[Array]:
+    def clean(
+        self, problem: Problem, q: Array, only: Sequence[int] | None = None, to_look: bool = False
+    ) -> list[Array]:
         """`Problem.clean` of another problem on the same pieces, but for what few nodes miss of the difference.
 
-        A model that is not smooth is worked out at all its nodes.
+        A model that is not gentle (`Plant.is_gentle`) is worked out at all its nodes; to_look: on a grid.
         """
-        found = zip(problem.pieces, problem.roughly(q, only), strict=True)
+        found = zip(problem.pieces, problem.roughly(q, only, to_look), strict=True)
         return [
             self.fit.clean[i] + (x - self._rough[i]) if x.size and reading is piece.rough else x
             for i, (piece, (reading, x)) in enumerate(found)

@@ -202,13 +202,18 @@ class Problem:
         """
         return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings)]
 
-    def roughly(self, q: Array, only: Sequence[int] | None = None) -> list[tuple[Reading, Array]]:
-        """`clean` at few nodes where the model is smooth: what a small change of q changes may be taken from it.
+    def roughly(
+        self, q: Array, only: Sequence[int] | None = None, to_look: bool = False
+    ) -> list[tuple[Reading, Array]]:
+        """`clean` at few nodes where the model is gentle: what a small change of q changes may be taken from it.
 
-        Returns where each piece was worked out, and its block means.
+        Returns where each piece was worked out, and its block means. to_look: on a grid.
         """
-        outputs = self._outputs(q, only, rough=True)
-        return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
+        readings = self._rough_readings(q, to_look)
+        return list(zip(readings, self.clean(q, only, readings), strict=True))
+
+    def _rough_readings(self, q: Array, to_look: bool = False) -> list[Reading]:
+        return [p.rough_reading(plant, to_look) for p, plant in zip(self.pieces, self._plants(q), strict=True)]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
@@ -228,17 +233,13 @@ class Problem:
         return [plants[piece.recording.actuator] for piece in self.pieces]
 
     def _outputs(
-        self,
-        q: Array,
-        only: Sequence[int] | None = None,
-        readings: Sequence[Reading] | None = None,
-        rough: bool = False,
+        self, q: Array, only: Sequence[int] | None = None, readings: Sequence[Reading] | None = None
     ) -> list[tuple[Reading, Array]]:
         """The model's output at nodes of the pieces, with these; empty if not asked."""
         zeros, _ = self.beside(q)
         out: list[tuple[Reading, Array]] = []
         for i, (piece, plant) in enumerate(zip(self.pieces, self._plants(q), strict=True)):
-            reading = piece.reading(plant, rough) if readings is None else readings[i]
+            reading = piece.reading(plant) if readings is None else readings[i]
             if only is not None and i not in only:
                 out.append((reading, np.empty(0)))
             elif isinstance(reading.where, Nodes):
@@ -275,7 +276,7 @@ class Problem:
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
         # all from the same nodes, also where a small change would make another choice of them
-        readings = [p.reading(plant, rough=True) for p, plant in zip(self.pieces, self._plants(q), strict=True)]
+        readings = self._rough_readings(q)
         apart = [i for i in everything if readings[i] is self.pieces[i].rough]
         here = [x if x.size else known for x, known in zip(self.clean(q, apart, readings), base, strict=True)]
         for j in chosen:

@@ -87,12 +87,19 @@ class Piece:
         """Whether fits may see it."""
         return self.recording.role == "identify"
 
-    def reading(self, plant: Plant | None = None, rough: bool = False) -> Reading:
-        """The nodes that a plant, or any, needs; rough: for what a change of its parameters changes."""
-        if plant is not None and rough and self.rough is not None and plant.is_gentle:
-            return self.rough
-        if plant is not None and self.few is not None and plant.is_smooth:
+    def reading(self, plant: Plant) -> Reading:
+        """The nodes that a plant needs for what is compared with readings."""
+        if self.few is not None and plant.is_smooth:
             return self.few
+        return self.every
+
+    def rough_reading(self, plant: Plant, to_look: bool = False) -> Reading:
+        """The nodes for what a change of its parameters changes; to_look: on a grid."""
+        return self.rough if self.rough is not None and plant.is_gentle(to_look) else self.reading(plant)
+
+    @property
+    def every(self) -> Reading:
+        """The nodes for any plant."""
         where = self.path if self.nodes is None else self.nodes
         assert where is not None
         return Reading(where, self.averaging)

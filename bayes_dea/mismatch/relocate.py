@@ -89,7 +89,7 @@ def _starts(fit: Fit) -> list[tuple[Array, Array]]:
         change = float(fit.problem.log_prior(q)[0]) - here
         if not np.isfinite(change):
             continue
-        clean = frame.nearby.clean(fit.problem, q)
+        clean = frame.nearby.clean(fit.problem, q, to_look=True)
         if not all(np.isfinite(x).all() for x in clean):
             continue
         value, move = frame.value(clean)

@@ -121,17 +121,18 @@ class Plant:
         rings = self.f_1_Hz < _QUICK_HZ or (self.zeta * self.f_1_Hz < _QUIET_HZ)
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
-    @property
-    def is_gentle(self) -> bool:
+    def is_gentle(self, to_look: bool = False) -> bool:
         """Whether few nodes (`rough_nodes`) know what a small change of it changes, to a few hundredths.
 
         Not where its answer has corners at times of its own (a limit, the end of a ramp, every turn of friction) or
         comes late and at once (a delay, a ring), nor where a temperature has changes of its own. A dead zone has its
-        corner where hardly any stress is, and softening where a maximum is left behind by little.
+        corner where hardly any stress is. to_look: for a grid, where a tenth will do, softening counts as gentle, whose
+        corners are where a maximum is left behind by little.
         """
         limits = min(self.V_max_V, self.y_max_m) < np.inf or self.sigma_y_Pa > 0.0
         late = self.T_d_s > 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
-        return not (limits or late or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
+        softens = self.mullins_share != 0.0 and not to_look
+        return not (limits or late or softens or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
 
     @property
     def _mass(self) -> float:
