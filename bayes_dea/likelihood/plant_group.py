@@ -50,11 +50,13 @@ def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDAr
     total = int(np.sum(blocks.stop - blocks.start))
     for part in pieces(total, PIECE):
         seen += np.bincount(rows_of(part)[0], minlength=blocks.n)
-    rough = isinstance(nodes, Nodes) and nodes.is_rough
     matrix = csr_matrix((blocks.n, nodes.row.size))
     for part in pieces(total, PIECE):
         block, rows = rows_of(part)
-        at, weights = smooth(nodes, time_s, rows) if rough else straight(nodes, time_s, rows)
+        if isinstance(nodes, Nodes) and nodes.is_rough:
+            at, weights = smooth(nodes, time_s, rows)
+        else:
+            at, weights = straight(nodes, time_s, rows)
         places = np.tile(block, len(at)), at.ravel()
         matrix = matrix + csr_matrix(((weights / seen[block]).ravel(), places), shape=matrix.shape)
     matrix.eliminate_zeros()
@@ -69,12 +71,11 @@ def straight(nodes: Nodes | Path, time_s: Array, rows: NDArray[np.int64]) -> tup
     return np.stack([left, left + 1]), np.stack([1.0 - w, w])
 
 
-def smooth(nodes: Nodes | Path, time_s: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+def smooth(nodes: Nodes, time_s: Array, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
     """Nodes (4, n) beside rows (n,) and their weights in a cubic through them (Lagrange).
 
     It passes through no corner: next to one it goes through nodes on the same side, three or two if there are no more.
     """
-    assert isinstance(nodes, Nodes)
     assert nodes.corners is not None
     known = np.arange(nodes.size) if nodes.unread is None else np.delete(np.arange(nodes.size), nodes.unread)
     # places among the nodes that are read: of corners, of the left neighbour, of the ends of its side

@@ -1,8 +1,8 @@
 """Predictions beside those of a fit: what changes is worked out at few nodes (`rough_nodes`), added to what is
 known.
 
-Few nodes miss a prediction by a thousandth or so, and its change by a thousandth of that: nothing beside a fit, and
-little as far from it as a search looks around.
+Few nodes miss a change by thousandths of it, at worst by a few hundredths (a tenth on a grid): nothing beside a fit,
+where hardly anything changes, and little as far from it as a search looks around.
 """
 
 from __future__ import annotations

@@ -209,11 +209,12 @@ class Problem:
 
         Returns where each piece was worked out, and its block means. to_look: on a grid.
         """
-        readings = self._rough_readings(q, to_look)
-        return list(zip(readings, self.clean(q, only, readings), strict=True))
+        plants = self._plants(q)
+        outputs = self._outputs(q, only, self._rough_readings(plants, to_look), plants)
+        return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
 
-    def _rough_readings(self, q: Array, to_look: bool = False) -> list[Reading]:
-        return [p.rough_reading(plant, to_look) for p, plant in zip(self.pieces, self._plants(q), strict=True)]
+    def _rough_readings(self, plants: Sequence[Plant], to_look: bool = False) -> list[Reading]:
+        return [p.rough_reading(plant, to_look) for p, plant in zip(self.pieces, plants, strict=True)]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
@@ -233,12 +234,17 @@ class Problem:
         return [plants[piece.recording.actuator] for piece in self.pieces]
 
     def _outputs(
-        self, q: Array, only: Sequence[int] | None = None, readings: Sequence[Reading] | None = None
+        self,
+        q: Array,
+        only: Sequence[int] | None = None,
+        readings: Sequence[Reading] | None = None,
+        plants: Sequence[Plant] | None = None,
     ) -> list[tuple[Reading, Array]]:
-        """The model's output at nodes of the pieces, with these; empty if not asked."""
+        """The model's output at nodes of the pieces, with these; empty if not asked. plants: at q, if known."""
         zeros, _ = self.beside(q)
+        plants = self._plants(q) if plants is None else plants
         out: list[tuple[Reading, Array]] = []
-        for i, (piece, plant) in enumerate(zip(self.pieces, self._plants(q), strict=True)):
+        for i, (piece, plant) in enumerate(zip(self.pieces, plants, strict=True)):
             reading = piece.reading(plant) if readings is None else readings[i]
             if only is not None and i not in only:
                 out.append((reading, np.empty(0)))
@@ -276,7 +282,7 @@ class Problem:
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
         # all from the same nodes, also where a small change would make another choice of them
-        readings = self._rough_readings(q)
+        readings = self._rough_readings(self._plants(q))
         apart = [i for i in everything if readings[i] is self.pieces[i].rough]
         here = [x if x.size else known for x, known in zip(self.clean(q, apart, readings), base, strict=True)]
         for j in chosen:

@@ -27,10 +27,10 @@ class LineSettings:
     """How long a group may be.
 
     bend: share of a command's largest size up to which it is smooth where it bends from row to row. missed: the same by
-    which a line may miss its rows. change: of the command within a group, as a
-    share of its largest size: the square of it, read off straight, is out by a sixth of the square of this on average.
-    after_jump_s, after_kink_s (s): time in which every row is kept. since: share of the time since either that a group
-    lasts. fewest: rows of a group, last: held rows at its end.
+    which a line may miss its rows. change: of the command within a group, as a share of its largest size: the square of
+    it, read off straight, is out by a sixth of the square of this on average. after_jump_s, after_kink_s (s): time in
+    which every row is kept. since: share of the time since either that a group lasts. fewest: rows of a group, last:
+    held rows at its end.
     """
 
     bend: float = 1e-4
@@ -45,8 +45,10 @@ class LineSettings:
 
 #: enough for a posterior: within hundredths of what a sensor resolves
 FINE = LineSettings()
-#: enough for what a small change of the parameters changes, to a few thousandths of it
-ROUGH = LineSettings(_JUMP, 3e-3, 0.15, 0.01, 0.005, 0.5, 6)
+#: enough for what a small change of the parameters changes: to thousandths of it, at worst a few hundredths
+ROUGH = LineSettings(
+    bend=_JUMP, missed=3e-3, change=0.15, after_jump_s=0.01, after_kink_s=0.005, since=0.5, fewest=6
+)
 
 
 @dataclass(frozen=True)

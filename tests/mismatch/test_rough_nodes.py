@@ -79,18 +79,20 @@ def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name
 
 
 def test_predictions_nearby_are_those_at_all_nodes(campaign):
-    """A thousandth of what changes; at the fit nothing changes, and the predictions are its own to the last digit."""
+    """But for five thousandths of what changes; at the fit they are its own to the last digit."""
     problem, prior, q = campaign
     fit = refit(problem, q, prior.start(), prior)
     nearby = Nearby(fit)
     for a, b in zip(nearby.clean(problem, fit.q), fit.clean, strict=True):
         np.testing.assert_array_equal(a, b)
     other, there = with_effect((problem, prior, fit.q), "dielectric_absorption", np.random.default_rng(5))
+    for name, value in (("chi", 0.05), ("tau_d_s", 2.0)):
+        there[other.model.priors.names.index(name)] = np.log(value)
     changed = 0.0
     for a, b, c in zip(nearby.clean(other, there), other.clean(there), fit.clean, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) <= 0.005 * np.sqrt(np.mean((b - c) ** 2))
         changed = max(changed, float(np.abs(b - c).max()))
-    assert changed > 1e-7
+    assert changed > 1e-6
     part = nearby.clean(other, there, only=[0])
     assert part[0].size > 0
     assert all(x.size == 0 for x in part[1:])

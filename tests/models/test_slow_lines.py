@@ -11,6 +11,7 @@ from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 from bayes_dea.models.nodes import make_nodes, past_nodes, rough_nodes
 from bayes_dea.models.plant import plant_of
+from bayes_dea.models.plant_kernel import P_WHOLE, X_TRIED, drive_voltage
 from bayes_dea.models.simulate_plant import simulate_nodes
 from bayes_dea.models.slow_lines import corners
 
@@ -154,3 +155,17 @@ def test_rough_nodes_are_few_also_where_a_command_is_quick():
     assert rough.size < 0.55 * T.size
     assert make_nodes(r, lines=True).corners is None
     np.testing.assert_array_equal(rough.row[rough.corners], corners(r.columns["voltage_V"]))
+
+
+def test_at_rough_nodes_no_step_is_cut():
+    quick = np.where(T > 0.5, 650 + 400 * np.sin(2 * np.pi * 8.0 * T), 0.0)
+    nodes = rough_nodes(recording(quick))
+    (plant,) = plants("series_resistance", 1, R_s_ohm=5e5)
+    command, tried = nodes.command(), []
+    for whole in (0.0, 1.0):
+        w, out = plant.kernel_numbers(), np.empty(nodes.size)
+        w[P_WHOLE] = whole
+        drive_voltage(w, plant.law, nodes.durations(), command[0], command[1], out)
+        tried.append(w[X_TRIED])
+    assert tried[1] == nodes.size < tried[0]
+    np.testing.assert_array_equal(simulate_nodes(plant, nodes), nodes.read(plant.stroke_m * out))
