@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .chart import carried, moved
+from .damping import FIRST, after, metric_root, share_that_holds, stronger
 from .journal import digest
 from .problem import Kept, Problem
 from .whitening import Noise
@@ -17,9 +18,9 @@ from .whitening import Noise
 Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
 #: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
-_FAR_OFF = 500.0
-#: a first damping, by what it grows where a step fails and shrinks where one does not, and how often it may grow
-_DAMPING, _MORE, _LESS, _ATTEMPTS = 1e-4, 5.0, 0.2, 12
+_FAR_OFF = 100.0
+#: how often a step may be shortened
+_ATTEMPTS = 12
 #: sensitivities are carried on from step to step as long as a step brings what they promised, within these factors,
 #: and for so many steps
 _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
@@ -202,7 +203,7 @@ def descended(
     prior = prior_derivatives(problem, q)
     if not np.isfinite(gram).all() or not np.isfinite(prior[0]):
         return None
-    damping, taken, stuck = 0.01 * _DAMPING, 0, 0
+    damping, taken, stuck = FIRST, 0, 0
     noise_alone = 0.5 * sum(p.blocks.n for p in problem.pieces)
     finest = tolerance
     while taken < max_steps:
@@ -211,9 +212,10 @@ def descended(
             tolerance = finest * max(1.0, (value - noise_alone) / _FAR_OFF)
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
-        metric = _metric(H, prior[2], problem.decoupled)
+        root = metric_root(H, prior[2], problem.decoupled)
+        metric = root.T @ root
         new: tuple[Array, float, list[Array]] | None = None
-        ends, whole = False, 0.0
+        ends, whole, shortened = False, 0.0, False
         for _attempt in range(_ATTEMPTS):
             step = bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
@@ -229,7 +231,8 @@ def descended(
                 break
             if aged or kept is not None:
                 break
-            damping = max(_MORE * damping, _DAMPING)
+            shortened = True
+            damping = stronger(H, g, root, damping, step, share_that_holds(promised, there_value - value))
         if new is None:
             if ends or (aged == 0 and kept is None):
                 break
@@ -258,7 +261,7 @@ def descended(
         if not np.isfinite(sums).all():
             break  # a model that runs away there: what it answers has no slopes that a number can hold
         gram, logdet, clean, slopes, aged = sums, logs, new[2], at, since
-        q, damping, taken = new[0], _LESS * damping, taken + 1
+        q, damping, taken = new[0], after(damping, gained / promised, shortened), taken + 1
         prior = prior_derivatives(problem, q)
         if last:
             break
@@ -280,19 +283,6 @@ def reached(problem: Problem, q: Array, noise: Noise) -> tuple[float, list[Array
     # the Jacobian is worked out only where a step is taken
     gram, _, clean, _ = problem.gram(q, noise, with_jacobian=False)
     return (p + 0.5 * float(gram[0, 0]), clean) if np.isfinite(gram).all() else (math.inf, [])
-
-
-def _metric(H: Array, prior: Array, decoupled: Array) -> Array:
-    """(d, d) what steps are damped by: the geometric mean of the curvatures of posterior and prior.
-
-    Directions that the readings hardly determine are where a model bends most, and are damped first. Taken in
-    coordinates in which gain and compliance do not trade: along their ridge a fit has to go far, and damping by the
-    curvature across it would stop it.
-    """
-    across = np.linalg.inv(decoupled)
-    H, prior = across.T @ H @ across, across.T @ prior @ across
-    size = np.sqrt(np.maximum(np.diag(H), 1e-12) * np.maximum(np.diag(prior), 1e-3))
-    return np.asarray(decoupled.T @ (size[:, None] * decoupled))
 
 
 def bounded_step(H: Array, g: Array, damping: Array, q: Array, low: Array, high: Array) -> Array:

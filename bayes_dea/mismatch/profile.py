@@ -1,9 +1,10 @@
 """The posterior of one parameter, everything else fitted along with it.
 
 The force of a press is known to a millionth of what it is. The ridge on which a stiffening, the modulus and the slow
-modes trade with one another is as narrow, and bends: sensitivities worked out at one place of it mislead at the next,
-and what `ridge` draws along them comes out far too narrow. One parameter needs no draws: it is held at a handful of
-values, the rest is fitted at each from where the last one ended, and a curve through these is the log density.
+modes trade with one another is as narrow, and bends: sensitivities worked out where two modes have met, say, mislead at
+the next place, and what `ridge` draws along them comes out far too narrow. One parameter needs no draws: it is held at
+a handful of values, the rest is fitted at each from where the last one ended, and a curve through these is the log
+density.
 """
 
 from __future__ import annotations

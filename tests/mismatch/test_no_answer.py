@@ -55,8 +55,8 @@ def test_a_discrepancy_beside_a_fit_that_finds_no_answer_ends_the_search_and_not
     base, columns, prior = result.base, basis(result.base), noise_prior(result.assembled)
     clean, refused = Problem.clean, []
 
-    def near_alone(self, q, only=None):
-        out = clean(self, q, only)
+    def near_alone(self, q, *how):
+        out = clean(self, q, *how)
         far = np.max(np.abs(q - base.q)[: base.problem.model.dimension]) > 2e-4
         refused.append(far)
         return [np.full(x.shape, np.nan) for x in out] if far else out
