@@ -210,11 +210,12 @@ def _score_resonances(
 ) -> None:
     """Score points where something may ring; what is scored is kept by `score`.
 
-    Beside other effects a mass is dear to simulate. It is looked for where it would ring on the network alone, which
-    changes their answer by about as much, and scored with them at the best point of every damping ratio.
+    Beside other effects, or on a curved law, a mass is dear to simulate. It is looked for where it would ring on the
+    linear network alone, which changes their answer by about as much, and scored with them at the best point of every
+    damping ratio.
     """
     prior = model.priors.free[index[0]].prior
-    if not frame.fit.problem.model.spec.effects:
+    if not frame.fit.problem.model.spec.effects and model.spec.law == "hooke":
 
         def value(point: Array) -> float:
             found = score(point)

@@ -193,14 +193,18 @@ class Problem:
 
     # ------------------------------------------------------------ predictions
     def clean(
-        self, q: Array, only: Sequence[int] | None = None, readings: Sequence[Reading] | None = None
+        self,
+        q: Array,
+        only: Sequence[int] | None = None,
+        readings: Sequence[Reading] | None = None,
+        plants: Sequence[Plant] | None = None,
     ) -> list[Array]:
         """Block means of the model's output for every piece, without gain and offset; nan where it has none.
 
         only: pieces that are asked for, the others are empty; readings: where they are worked out, instead of the
-        nodes that they are compared at.
+        nodes that they are compared at; plants: of each piece, instead of the model at q.
         """
-        return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings)]
+        return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings, plants)]
 
     def roughly(
         self, q: Array, only: Sequence[int] | None = None, to_look: bool = False
@@ -209,7 +213,7 @@ class Problem:
 
         Returns where each piece was worked out, and its block means. to_look: on a grid.
         """
-        plants = self._plants(q)
+        plants = self.plants(q)
         outputs = self._outputs(q, only, self._rough_readings(plants, to_look), plants)
         return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
 
@@ -223,7 +227,7 @@ class Problem:
             for p, (reading, x) in zip(self.pieces, self._outputs(q), strict=True)
         ]
 
-    def _plants(self, q: Array) -> list[Plant]:
+    def plants(self, q: Array) -> list[Plant]:
         """The model at q as a plant, by piece."""
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
         plants: dict[Actuator, Plant] = {}
@@ -242,7 +246,7 @@ class Problem:
     ) -> list[tuple[Reading, Array]]:
         """The model's output at nodes of the pieces, with these; empty if not asked. plants: at q, if known."""
         zeros, _ = self.beside(q)
-        plants = self._plants(q) if plants is None else plants
+        plants = self.plants(q) if plants is None else plants
         out: list[tuple[Reading, Array]] = []
         for i, (piece, plant) in enumerate(zip(self.pieces, plants, strict=True)):
             reading = piece.reading(plant) if readings is None else readings[i]
@@ -282,7 +286,7 @@ class Problem:
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
         # all from the same nodes, also where a small change would make another choice of them
-        readings = self._rough_readings(self._plants(q))
+        readings = self._rough_readings(self.plants(q))
         apart = [i for i in everything if readings[i] is self.pieces[i].rough]
         here = [x if x.size else known for x, known in zip(self.clean(q, apart, readings), base, strict=True)]
         for j in chosen:

@@ -95,5 +95,7 @@ def _partial(
     )
     if here - best.objective < worth:
         return None
-    _, _, clean, slopes = base.problem.gram(best.q, base.noise)
+    whole, _, clean, slopes = base.problem.gram(best.q, base.noise)
+    if not np.isfinite(whole).all():
+        return None  # a law that locks within what it was not fitted to has no answer there
     return replace(base, q=best.q, clean=clean, slopes=slopes)

@@ -1,4 +1,7 @@
-"""What an effect changes on the network alone, added to the answer of a model that has other effects, too."""
+"""What an effect changes on the linear network alone, added to the answer of a model that has more to it.
+
+Other effects and a curved law make it dear to simulate; a network with Hooke's law answers in modes.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +13,22 @@ from numpy.typing import NDArray
 
 from ..models.bare import bare_of
 from ..models.model import Model
+from ..models.plant import straightened
 from .frame import Frame, insert, own_index
+from .problem import Problem
 
 Array = NDArray[np.float64]
 
 
 class Superposed:
-    """What an effect changes on the network alone, added to the answer of a fit that has other effects."""
+    """What an effect changes on the linear network alone, added to the answer of a fit that has more to it."""
 
     def __init__(self, frame: Frame, model: Model, added: Sequence[str]) -> None:
         """model: that of the fit with the effects `added`."""
         self.frame, self.model = frame, model
         problem = frame.fit.problem
         self.plain, self.changed = problem.with_model(bare_of(model)), problem.with_model(bare_of(model, tuple(added)))
-        self.before = self.plain.clean(self._coordinates(self.plain.model, insert(frame.fit, model, self._nothing())))
+        self.before = self._clean(self.plain, insert(frame.fit, model, self._nothing()))
 
     def value(self, own: Array) -> float:
         """Minus log posterior at the effect's own coordinates (k,), the base moved along; infinite if it has none."""
@@ -31,7 +36,7 @@ class Superposed:
         log_prior = float(self.model.log_prior(q[None, : self.model.dimension])[0])
         if not math.isfinite(log_prior):
             return math.inf
-        after = self.changed.clean(self._coordinates(self.changed.model, q))
+        after = self._clean(self.changed, q)
         clean = [x + y - z for x, y, z in zip(self.frame.fit.clean, after, self.before, strict=True)]
         if not all(np.isfinite(x).all() for x in clean):
             return math.inf
@@ -39,6 +44,20 @@ class Superposed:
 
     def _nothing(self) -> Array:
         return np.zeros(own_index(self.frame.fit, self.model).size)
+
+    def _clean(self, simpler: Problem, q: Array) -> list[Array]:
+        """Predictions of a simpler model, its law straight about the middle of the strains of the fit."""
+        at = self._coordinates(simpler.model, q)
+        straight = [
+            straightened(plant, self._strain(i, plant.stroke_m)) for i, plant in enumerate(simpler.plants(at))
+        ]
+        return simpler.clean(at, plants=straight)
+
+    def _strain(self, i: int, stroke_m: float) -> float:
+        """Half of the largest strain of piece i, as the fit has it; 0 in a press, which no mass shows in."""
+        if self.frame.fit.problem.pieces[i].channel != "displacement":
+            return 0.0
+        return 0.5 * float(np.max(np.abs(self.frame.fit.clean[i]), initial=0.0)) / stroke_m
 
     def _coordinates(self, simpler: Model, q: Array) -> Array:
         """Those of a model that has some of the parameters of `model`."""

@@ -19,7 +19,7 @@ from .effects import registered_effects
 from .electrostatics import VACUUM_PERMITTIVITY, VOLTAGE_GEOMETRY, stress_factor, stroke_factor
 from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
-from .static import HOOKE, LAWS, small_strain_modulus
+from .static import HOOKE, LAWS, small_strain_modulus, tangent
 
 #: elements of friction where none are stated, as in priors/effects: at the quantiles (j + 1/2)/64 enough for 0.15 um of
 #: the limit of infinitely many (0) on the paper's actuator at 2 kPa; twelve would be 0.6 um rms from it. Their number
@@ -262,6 +262,24 @@ class Plant:
     def plate_numbers(self) -> NDArray[np.float64]:
         """The material alone, without mass and circuit, as `plate_kernel` takes it (SIZE,), a fresh copy."""
         return self._plate_numbers.copy()
+
+
+def straightened(plant: Plant, strain: float) -> Plant:
+    """The same with Hooke's law instead of a curved one, as stiff as that is about a strain; its mass and damper stay.
+
+    Itself where the law is Hooke's, does not stand in parallel with the branches, or is no stiffer than nothing there.
+    """
+    if plant.law_id == HOOKE or plant.creep is not None or plant.process is not None:
+        return plant
+    which = next(law for law in LAWS.values() if law.law_id == plant.law_id)
+    Y = float(tangent(which, plant.law, np.array([strain]))[0])
+    if not 0.0 < Y < np.inf:
+        return plant
+    # frequency and damping ratio are those of the mass on the modulus
+    faster = np.sqrt(Y / plant.Y_Pa)
+    law = np.zeros_like(plant.law)
+    law[0] = Y
+    return replace(plant, law_id=HOOKE, law=law, Y_Pa=Y, f_1_Hz=plant.f_1_Hz * faster, zeta=plant.zeta / faster)
 
 
 _FIELDS = {f.name for f in fields(Plant)}

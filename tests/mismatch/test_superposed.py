@@ -1,11 +1,11 @@
-"""A mass beside another effect is looked for on the network alone, where it costs little."""
+"""A mass beside another effect or on a curved law is looked for on the linear network alone, where it costs little."""
 
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.assemble import assemble
-from bayes_dea.mismatch.diagnosis import DiagnosisSettings
+from bayes_dea.mismatch.diagnosis import DiagnosisSettings, diagnose
 from bayes_dea.mismatch.first_fit import first_fit
 from bayes_dea.mismatch.frame import Frame, insert
 from bayes_dea.mismatch.grid import screen
@@ -15,6 +15,8 @@ from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.superposed import Superposed
 from bayes_dea.models.model import build_model
+from bayes_dea.models.plant import plant_of, straightened
+from bayes_dea.models.static import LAWS, stress
 
 HYSTERESIS = {"sigma_y_Pa": 2000.0, "eps_y": 2.25e-3}
 MASS = {"f_1_Hz": 140.0, "zeta": 0.06}
@@ -64,3 +66,50 @@ def test_what_is_superposed_is_about_what_both_do_together(frame, with_mass):
     assert abs(int(np.argmin(about)) - int(np.argmin(exact))) <= 1
     here = frame.value(frame.fit.clean)[0]
     assert (here - about.min()) / (here - exact.min()) == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.fixture(scope="module")
+def curved():
+    """The base with a curved law on a stack that stiffens and rings."""
+    model = build_model("yeoh+gm3")
+    campaign = concealed({"strain_stiffening": {"beta": 60.0}, "inertia": {"f_1_Hz": 140.0, "zeta": 0.03}})
+    assembled = assemble(campaign, model)
+    prior = noise_prior(assembled)
+    problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
+    return Frame(first_fit(assembled, problem, prior, np.random.default_rng(1), DiagnosisSettings().map))
+
+
+def test_on_a_curved_law_a_mass_is_looked_for_on_a_straight_one(curved, monkeypatch):
+    dear = []
+    tried = Frame.tried
+    monkeypatch.setattr(Frame, "tried", lambda self, *a: dear.append(1) or tried(self, *a))
+    model = extended(curved.fit.problem.model, ["inertia"], {})
+    found = screen([curved], model, model.spec.effects, sparse=True)
+    assert len(dear) < 15  # ninety before
+    assert np.exp(found.points[0].own[0]) == pytest.approx(140.0, rel=0.03)
+    assert found.gain > 1000.0
+
+
+def test_the_straight_law_keeps_the_mass_and_its_damper():
+    model = build_model("yeoh+gm1+inertia")
+    values = {"C1_Pa": 2e5, "C2_Pa": 3e5, "C3_Pa": 0.0, "k_1_Pa": 5e4, "tau_1_s": 3.0, "f_1_Hz": 140.0, "zeta": 0.05}
+    plant = plant_of(model, values, concealed().actuator)
+    straight = straightened(plant, 0.1)
+    law = LAWS["yeoh"]
+    assert float(stress(LAWS["hooke"], straight.law, 0.01)) == pytest.approx(
+        100.0 * 0.01 * float(stress(law, plant.law, 0.105) - stress(law, plant.law, 0.095)), rel=1e-3
+    )
+    mass = [p.Y_Pa / (2.0 * np.pi * p.f_1_Hz) ** 2 for p in (plant, straight)]
+    assert mass[1] == pytest.approx(mass[0])
+    damper = [2.0 * p.zeta * np.sqrt(p.Y_Pa * m) for p, m in zip((plant, straight), mass, strict=True)]
+    assert damper[1] == pytest.approx(damper[0])
+    assert straight.branches == plant.branches
+    assert straight.swings
+    assert straightened(straight, 0.2) is straight
+
+
+def test_a_mass_is_named_on_a_law_that_locks_in_the_upper_half_of_the_range():
+    """Fitted to the lower half alone, Gent's law has no answer in the upper one: that start is left out."""
+    s = diagnose(concealed({"inertia": {"f_1_Hz": 230.0, "zeta": 0.1}}), "gent+gm3", seed=1).summary
+    assert s["verdict"] == "inertia"
+    assert s["hypotheses"][0]["parameters"]["f_1_Hz"]["mean"] == pytest.approx(230.0, rel=0.03)
