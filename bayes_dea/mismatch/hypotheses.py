@@ -13,6 +13,8 @@ from .laws import laws_in
 from .weigh import Weighed
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
+#: how the reason begins why an effect is not weighed that a structure has no place for
+_CANNOT = "cannot act on"
 
 
 def prior_odds() -> dict[str, float]:
@@ -31,7 +33,7 @@ def candidates(
     """
     out, skipped = [], {}
     for name, effect in registered_effects().items():
-        if name in base.spec.effects:
+        if name in base.spec.effects or effect.without_network == base.spec.network:
             skipped[name] = "is in the model already"
         elif name in established:
             skipped[name] = "is established by the readings themselves"
@@ -41,9 +43,30 @@ def candidates(
             skipped[name] = "acts on voltage recordings alone, and there are none"
         elif any(not any(c in r.columns for r in campaign.recordings) for c in effect.needs):
             skipped[name] = f"needs a column {', '.join(effect.needs)}"
+        elif extended(base, [name], {}) is None:
+            skipped[name] = f"{_CANNOT} {_structure(base)}"
         else:
             out.append(name)
     return out, skipped
+
+
+def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:
+    """One line on effects that a structure has no place for, and a structure that has; None without any."""
+    names = [name for name, why in skipped.items() if why.startswith(_CANNOT)]
+    if not names:
+        return None
+    law, n = base.spec.law, base.spec.elements
+    other = "hooke+gm3" if law is None else f"{law}+gm{n} or hooke+gkv{n}"
+    return (
+        f"{len(names)} of the effects could not be weighed on {_structure(base)}, which does not know the strain that "
+        f"they need ({', '.join(names)}); what one of them does may pass for another, or for unknown: take {other} to "
+        "weigh them too"
+    )
+
+
+def _structure(base: Model) -> str:
+    """A model's SPEC without its effects."""
+    return "+".join(p for p in base.name.split("+") if p not in base.spec.effects)
 
 
 def effect_priors(names: Sequence[str], campaign: Campaign) -> dict[str, object]:

@@ -312,7 +312,6 @@ def plant_of(model: Model, values: Mapping[str, float], actuator: Actuator) -> P
             Y, k, tau, _ = (a[0] for a in modes_to_maxwell(np.array([1.0 / law[0]]), 1.0 / k[None], tau[None]))
             law = np.concatenate([[Y], np.zeros(5)])
         if model.spec.network == "gkv" and model.spec.law != "hooke":
-            _only_outside(model)
             draft["creep"] = (1.0 / k, tau)
         else:
             draft["branches"] = list(zip(k.tolist(), tau.tolist(), strict=True))
@@ -324,15 +323,6 @@ def plant_of(model: Model, values: Mapping[str, float], actuator: Actuator) -> P
         registered_effects()[name].write(draft, numbers)
     assert set(draft) <= _FIELDS
     return Plant(**draft)
-
-
-def _only_outside(model: Model) -> None:
-    """A curved spring in series with the elements: its strain is known only behind everything that needs it."""
-    known = registered_effects()
-    bad = [e for e in model.spec.effects if not known[e].black_box or e in ("series_resistance", "leakage")]
-    if bad:
-        raise InputError(f"{model.name}: {', '.join(bad)} cannot act on {model.spec.law} with Kelvin-Voigt elements; "
-                         f"take {model.spec.law}+gm{model.spec.elements} or hooke+gkv{model.spec.elements}")
 
 
 def _geometry(a: Actuator) -> dict[str, float]:

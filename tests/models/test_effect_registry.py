@@ -123,11 +123,12 @@ def test_what_cannot_be(text, message):
         parse_spec(text)
 
 
-def test_a_curved_spring_with_kelvin_voigt_elements_takes_no_effect_on_strain():
-    m = build_model("yeoh+gkv1+strain_stiffening")
-    values = {"C1_Pa": 2e5, "C2_Pa": 0.0, "C3_Pa": 0.0, "k_1_Pa": 3e6, "tau_1_s": 1.0, "beta": 10.0}
+@pytest.mark.parametrize("effect", ["strain_stiffening", "series_resistance"])
+def test_a_curved_spring_with_kelvin_voigt_elements_takes_no_effect_on_strain(effect):
+    """Refused as a SPEC, before anything is worked out."""
     with pytest.raises(InputError, match=re.escape("take yeoh+gm1 or hooke+gkv1")):
-        plant_of(m, values, ACTUATOR)
+        parse_spec(f"yeoh+gkv1+{effect}")
+    assert parse_spec("yeoh+gkv1+sensor_clipping").effects == ("sensor_clipping",)
 
 
 def test_thermal_expansion_needs_its_column():
