@@ -21,6 +21,8 @@ _PRIOR_STEP = 1e-3
 _FAR_OFF = 100.0
 #: how often a step may be shortened
 _ATTEMPTS = 12
+#: share of its promise below which a step that brings too little to go on is followed by a shorter one
+_AT_A_BUMP = 0.1
 #: sensitivities are carried on from step to step as long as a step brings what they promised, within these factors,
 #: and for so many steps
 _AS_PROMISED, _CARRIED = (0.75, 1.35), 6
@@ -247,7 +249,9 @@ def descended(
         left = value - noise_alone
         little = gained < min(_NEXT_TO_NOTHING * whole, _OF_LITTLE_USE * left)
         stuck = stuck + 1 if little and aged == 0 and kept is None else 0
-        last = gained < 3 * tolerance or (coarse and stuck >= _STUCK and left > _BUMPY)
+        # what brings next to nothing of what it promised is at a bump, not at an end
+        ended = gained < 3 * tolerance and (coarse or gained > _AT_A_BUMP * promised)
+        last = ended or (coarse and stuck >= _STUCK and left > _BUMPY)
         if kept is not None and gained < _LIKE * promised:
             kept = None
             aged = _CARRIED
