@@ -13,9 +13,11 @@ from ..priors import Prior
 #: activates, R_l exp(-sqrt(E/E_0)) (catalogue of missing physics, E7). E_0 = (kT)^2 pi eps_0 eps_r / q^3 is 0.32 MV/m
 #: for Poole-Frenkel emission in silicone at 300 K, four times that for Schottky emission; what is measured lies about
 #: either, and above where conduction is partly ohmic. At 100 MV/m, twice the fields of a stack, little tells the leak
-#: from a linear one: between that and the linear law there is no gap
+#: from a linear one: between that and the linear law there is no gap. And temperature that moves the readings the other
+#: way: the holder of the sensor grows by more than the stack (its catalogue entry, E20, takes either together)
 VARIANTS: dict[str, dict[str, Prior]] = {
     "leakage": {"E_0_V_per_m": Prior("loguniform", 2e5, 1e8), "R_leak_ohm": Prior("loguniform", 1e5, 1e13)},
+    "thermal_expansion": {"alpha_T_m_per_K": Prior("uniform", -5e-5, -1e-7)},
 }
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few

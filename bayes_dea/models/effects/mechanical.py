@@ -191,7 +191,7 @@ class Inertia(Effect):
 
 
 class ThermalExpansion(Effect):
-    """The stack grows with temperature against the direction of its stroke."""
+    """The stack grows with temperature against the direction of its stroke; alpha_T < 0: its holder, and by more."""
 
     name = "thermal_expansion"
     stage = "mechanical"
@@ -204,8 +204,11 @@ class ThermalExpansion(Effect):
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the coefficient."""
-        return (f"thermal expansion was left out: {1e6 * values['alpha_T_m_per_K']:.3g} um per K, to be taken from the "
-                "recorded temperature")
+        alpha = 1e6 * values["alpha_T_m_per_K"]
+        if alpha < 0.0:
+            return (f"thermal expansion was left out: readings rise by {-alpha:.3g} um per K of recorded temperature, "
+                    "so what holds the sensor grows by more than the stack")
+        return f"thermal expansion was left out: {alpha:.3g} um per K, to be taken from the recorded temperature"
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """See `Effect.write`."""
