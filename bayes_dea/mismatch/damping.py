@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-#: the first damping, and the least that is tried where a step fails, by factors of two from there
-FIRST, _LEAST, _DOUBLINGS = 1e-6, 1e-6, 60
+#: the first damping, from which it is doubled where a step fails, so often at most
+FIRST, _DOUBLINGS = 1e-6, 60
 #: share of what a step promised from which on damping is taken back, by this factor, and below which it grows
 _HELD, _LESS, _BARELY, _MORE = 0.75, 0.2, 0.25, 2.0
 #: least and largest share of a step that fails which is tried next, and that of one that has no answer
@@ -51,7 +51,7 @@ def stronger(H: Array, g: Array, root: Array, damping: float, step: Array, share
     back = np.linalg.inv(root)
     values, vectors = np.linalg.eigh(back.T @ H @ back)
     along = vectors.T @ (back.T @ g)
-    tried = max(damping, _LEAST) * 2.0 ** np.arange(1, _DOUBLINGS + 1)
+    tried = max(damping, FIRST) * 2.0 ** np.arange(1, _DOUBLINGS + 1)
     lengths = np.linalg.norm(along / (np.maximum(values, 0.0) + tried[:, None]), axis=1)
     return float(tried[np.argmax(lengths <= wanted)]) if lengths[-1] <= wanted else float(tried[-1])
 
