@@ -83,4 +83,6 @@ def test_a_coarse_descent_gives_a_bumpy_way_up_where_much_is_left(monkeypatch):
     assert given_up < gone_on
     assert left - rest < 0.05 * left
     # sensitivities that are wrong, and of use all the same, are gone on with
-    assert _misled(monkeypatch, 0.01, coarse=True) == _misled(monkeypatch, 0.01, coarse=False)
+    (worked, near), (at_last, end) = (_misled(monkeypatch, 0.01, coarse=coarse) for coarse in (True, False))
+    assert near < end + 0.1
+    assert at_last - 3 < worked <= at_last
