@@ -250,8 +250,8 @@ def descended(
         little = gained < min(_NEXT_TO_NOTHING * whole, _OF_LITTLE_USE * left)
         stuck = stuck + 1 if little and aged == 0 and kept is None else 0
         # what brings next to nothing of what it promised is at a bump, not at an end
-        ended = gained < 3 * tolerance and (coarse or gained > _AT_A_BUMP * promised)
-        last = ended or (coarse and stuck >= _STUCK and left > _BUMPY)
+        arrived = gained < 3 * tolerance and (coarse or gained > _AT_A_BUMP * promised)
+        last = arrived or (coarse and stuck >= _STUCK and left > _BUMPY)
         if kept is not None and gained < _LIKE * promised:
             kept = None
             aged = _CARRIED

@@ -6,8 +6,10 @@ import tomllib
 from collections.abc import Mapping, Sequence
 
 from ..campaign.schema import Campaign
+from ..errors import InputError
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
+from ..models.spec import parse_spec
 from ..priors import Prior, prior_folder
 from .laws import laws_in
 from .weigh import Weighed
@@ -43,7 +45,7 @@ def candidates(
             skipped[name] = "acts on voltage recordings alone, and there are none"
         elif any(not any(c in r.columns for r in campaign.recordings) for c in effect.needs):
             skipped[name] = f"needs a column {', '.join(effect.needs)}"
-        elif extended(base, [name], {}) is None:
+        elif _refused(base, name):
             skipped[name] = f"{_CANNOT} {_structure(base)}"
         else:
             out.append(name)
@@ -64,6 +66,15 @@ def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:
     )
 
 
+def _refused(base: Model, effect: str) -> bool:
+    """Whether a structure has no place for an effect."""
+    try:
+        parse_spec(f"{base.name}+{effect}")
+    except InputError:
+        return True
+    return False
+
+
 def _structure(base: Model) -> str:
     """A model's SPEC without its effects."""
     return "+".join(p for p in base.name.split("+") if p not in base.spec.effects)
@@ -79,8 +90,6 @@ def effect_priors(names: Sequence[str], campaign: Campaign) -> dict[str, object]
 
 def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:
     """The base with effects, in the order of their stages; None where they do not go together."""
-    from ..errors import InputError
-
     order = list(registered_effects())
     names = sorted({*base.spec.effects, *effects}, key=order.index)
     plain = [p for p in base.spec.name.split("+") if p not in base.spec.effects]

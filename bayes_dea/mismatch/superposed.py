@@ -27,6 +27,11 @@ class Superposed:
         """model: that of the fit with the effects `added`."""
         self.frame, self.model = frame, model
         problem = frame.fit.problem
+        # half of the largest displacement (m) of each piece, about which its law is straight; 0 in a press
+        self.middle_m = [
+            0.5 * float(np.max(np.abs(x), initial=0.0)) if piece.channel == "displacement" else 0.0
+            for piece, x in zip(problem.pieces, frame.fit.clean, strict=True)
+        ]
         self.plain, self.changed = problem.with_model(bare_of(model)), problem.with_model(bare_of(model, tuple(added)))
         self.before = self._clean(self.plain, insert(frame.fit, model, self._nothing()))
 
@@ -48,16 +53,8 @@ class Superposed:
     def _clean(self, simpler: Problem, q: Array) -> list[Array]:
         """Predictions of a simpler model, its law straight about the middle of the strains of the fit."""
         at = self._coordinates(simpler.model, q)
-        straight = [
-            straightened(plant, self._strain(i, plant.stroke_m)) for i, plant in enumerate(simpler.plants(at))
-        ]
-        return simpler.clean(at, plants=straight)
-
-    def _strain(self, i: int, stroke_m: float) -> float:
-        """Half of the largest strain of piece i, as the fit has it; 0 in a press, which no mass shows in."""
-        if self.frame.fit.problem.pieces[i].channel != "displacement":
-            return 0.0
-        return 0.5 * float(np.max(np.abs(self.frame.fit.clean[i]), initial=0.0)) / stroke_m
+        plants = zip(simpler.plants(at), self.middle_m, strict=True)
+        return simpler.clean(at, plants=[straightened(plant, x / plant.stroke_m if x else 0.0) for plant, x in plants])
 
     def _coordinates(self, simpler: Model, q: Array) -> Array:
         """Those of a model that has some of the parameters of `model`."""

@@ -267,7 +267,7 @@ class Plant:
 def straightened(plant: Plant, strain: float) -> Plant:
     """The same with Hooke's law instead of a curved one, as stiff as that is about a strain; its mass and damper stay.
 
-    Itself where the law is Hooke's, does not stand in parallel with the branches, or is no stiffer than nothing there.
+    Itself where the law is Hooke's, does not stand in parallel with the branches, or has no stiffness there.
     """
     if plant.law_id == HOOKE or plant.creep is not None or plant.process is not None:
         return plant

@@ -22,8 +22,8 @@ def test_the_share_brings_most_where_a_model_bends(lost):
 def test_the_share_stays_within_bounds():
     assert share_that_holds(1e-3, 1e9) == 0.1
     assert share_that_holds(1.0, math.inf) == 0.2
-    # a step that brings next to nothing is shortened all the same
-    assert share_that_holds(1.0, 1e-12) <= 0.7
+    # a step that neither brings nor loses anything is shortened all the same: 1 - s = 2 s^3
+    assert share_that_holds(1.0, 0.0) == pytest.approx(0.5898, abs=1e-4)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
