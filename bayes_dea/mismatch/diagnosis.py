@@ -22,7 +22,7 @@ from .ask import first_experiment, next_experiment
 from .clipped import beyond_reach, restored
 from .features import Features
 from .frame import own_index
-from .hypotheses import NONE, UNKNOWN
+from .hypotheses import NONE, UNKNOWN, unweighed_note
 from .journal import Journal
 from .judge import Judged, judged, named_fit
 from .laps import Laps
@@ -192,6 +192,10 @@ def _once(
         if how != "validate" and not in_turn:
             summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
+        unweighed = unweighed_note(base.problem.model, naming.skipped)
+        if unweighed is not None:
+            summary["warnings"].append(unweighed)
+            summary["statement"] = f"{summary['statement']} {sentence(unweighed)}"
         _say_what_else(summary["mismatch"], ready, seen, found, clip)
         lap("write")
         summary["seconds"] = sum(lap.seconds.values())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .features import Features, features
-from .hypotheses import DELAY, NONE, UNKNOWN, unweighed_note
+from .hypotheses import DELAY, NONE, UNKNOWN
 from .name import Explanation, Naming
 from .own_gains import Gains, gains_of
 from .phase import sample_step_s
@@ -45,9 +45,6 @@ class Judged:
         out = [found.note() for found in (self.uneven, self.swings, self.gains) if found is not None]
         if self.explanation.small is not None and verdict != UNKNOWN:
             out.append(small_note(self.explanation.small, self.explanation.weighed))
-        unweighed = unweighed_note(self.base.problem.model, self.naming.skipped)
-        if unweighed is not None:
-            out.append(unweighed)
         return [*out, *self.timing()]
 
     def timing(self) -> list[str]:
