@@ -11,7 +11,8 @@ def main() -> None:
     """Entry point; see `cli.main`."""
     try:
         signals.install()  # a Ctrl-C while the rest is imported ends without a traceback, too
-        from .cli import main as run
+        with signals.come_first():
+            from .cli import main as run
     except Interrupted as stop:
         sys.exit(stop.exit_status)
     run()

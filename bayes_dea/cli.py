@@ -82,7 +82,8 @@ def _run() -> int:
             no_colours()
         elif plain_terminal():
             no_colours()
-        status = app(standalone_mode=False, prog_name="bayes-dea")
+        with signals.come_first():
+            status = app(standalone_mode=False, prog_name="bayes-dea")
         sys.stdout.flush()
         return status if isinstance(status, int) else 0
     except typer.Exit as leave:

@@ -78,10 +78,11 @@ def rest(seconds: float) -> None:
 if __name__ == "__main__":
     try:
         signals.install()  # as bayes_dea.__main__
-        shorten()
-        if "NO_PAGE" in os.environ:
-            without_page()
-        from bayes_dea.cli import main
+        with signals.come_first():
+            shorten()
+            if "NO_PAGE" in os.environ:
+                without_page()
+            from bayes_dea.cli import main
     except Interrupted as stop:
         sys.exit(stop.exit_status)
     main()

@@ -369,6 +369,22 @@ def test_signals_are_raised_where_they_arrive():
         assert caught.value.exit_status == status
 
 
+@pytest.mark.parametrize("raises", ["ImportError('numpy.core.multiarray failed to import')", "OSError('short read')"])
+def test_an_error_that_follows_a_signal_is_told_as_the_signal(raises):
+    """As C code does that is imported while a signal arrives: it drops what was raised and raises its own."""
+    code = ("import signal\n"
+            "from bayes_dea import cli\n"
+            "def verb(**_):\n"
+            "    try:\n"
+            "        signal.raise_signal(signal.SIGTERM)\n"
+            "    except BaseException:\n"
+            f"        raise {raises} from None\n"
+            "cli.app = verb\n"
+            "cli.main()\n")
+    done = subprocess.run([sys.executable, "-c", code, "bench"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (143, "bayes-dea: terminated; nothing is half written\n")
+
+
 def test_a_signal_that_python_drops_is_raised_again():
     """What is raised in the callback of a destructor is printed and dropped: a signal there must not be lost."""
     code = ("import signal, time\n"

@@ -133,6 +133,7 @@ class Signals:
 
     def __init__(self) -> None:
         self.dropped: Interrupted | None = None
+        self.raised: Interrupted | None = None
         self.installed: list[int] = []
 
     def install(self) -> None:
@@ -172,7 +173,21 @@ class Signals:
                 self._later(error)
                 return
             frame = frame.f_back
+        self.raised = error
         raise error
+
+    @contextlib.contextmanager
+    def come_first(self) -> Iterator[None]:
+        """An error inside that follows a signal is that signal's.
+
+        C code that is imported just then may report a failed import instead of what was raised in it.
+        """
+        try:
+            yield
+        except Exception as error:
+            if self.raised is None:
+                raise
+            raise self.raised from error
 
     def _later(self, error: Interrupted) -> None:
         self.dropped = error
