@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.effects import registered_effects
 from ..models.model import Model
 from .descent import prior_derivatives
 from .journal import digest
@@ -58,7 +59,8 @@ class Frame:
         journal = problem.journal
         key = digest("tried", self.key, problem.key, q) if journal.kept else ""
         if key not in journal:
-            found = self.nearby.clean(problem, q, problem.reached_by(effects), to_look=True)
+            stay = not any(registered_effects()[name].moves_corners for name in effects)
+            found = self.nearby.clean(problem, q, problem.reached_by(effects), to_look=True, corners_stay=stay)
             clean = [x if x.size else known for x, known in zip(found, self.fit.clean, strict=True)]
             value, move = math.nan, np.empty(0)
             if all(np.isfinite(x).all() for x in clean):

@@ -34,13 +34,15 @@ class Nearby:
         return problem.clean(self.fit.q, there, [p.rough or p.every for p in problem.pieces])
 
     def clean(
-        self, problem: Problem, q: Array, only: Sequence[int] | None = None, to_look: bool = False
+        self, problem: Problem, q: Array, only: Sequence[int] | None = None, to_look: bool = False,
+        corners_stay: bool = False,
     ) -> list[Array]:
         """`Problem.clean` of another problem on the same pieces, but for what few nodes miss of the difference.
 
-        A model that is not gentle (`Plant.is_gentle`) is worked out at all its nodes; to_look: on a grid.
+        A model that is not gentle (`Plant.is_gentle`) is worked out at all its nodes; to_look: on a grid; corners_stay:
+        it has those of the fit (`Plant.corners_stay`).
         """
-        found = zip(problem.pieces, problem.roughly(q, only, to_look), strict=True)
+        found = zip(problem.pieces, problem.roughly(q, only, to_look, corners_stay), strict=True)
         return [
             self.fit.clean[i] + (x - self._rough[i]) if x.size and reading is piece.rough else x
             for i, (piece, (reading, x)) in enumerate(found)

@@ -8,7 +8,7 @@ columns is all that a Gauss-Newton step, a score and an evidence need.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from ..assemble import Assembled
 from ..campaign.schema import Actuator
 from ..likelihood.plant_group import Reading
 from ..models.effects import registered_effects
+from ..models.effects.effect import Effect
 from ..models.model import Model
 from ..models.nodes import Nodes
 from ..models.plant import Plant, plant_of
@@ -101,14 +102,19 @@ class Problem:
     @cached_property
     def _electrical(self) -> frozenset[int]:
         """Coordinates of effects that act on no mechanical recording."""
-        spec, names = self.model.spec, [p.name for p in self.model.priors.free]
-        own = {
-            p.name
-            for name in spec.effects
-            if "mechanical" not in registered_effects()[name].acts_on
-            for p in registered_effects()[name].parameters_in(spec.effects)
-        }
-        return frozenset(i for i, n in enumerate(names) if n in own)
+        return self._of_effects(lambda effect: "mechanical" not in effect.acts_on)
+
+    @cached_property
+    def _cornered(self) -> frozenset[int]:
+        """Coordinates that move corners of the answer."""
+        return self._of_effects(lambda effect: effect.moves_corners)
+
+    def _of_effects(self, which: Callable[[Effect], bool]) -> frozenset[int]:
+        """Coordinates of some of the model's effects."""
+        spec, known = self.model.spec, registered_effects()
+        chosen = [known[name] for name in spec.effects if which(known[name])]
+        own = {p.name for effect in chosen for p in effect.parameters_in(spec.effects)}
+        return frozenset(i for i, p in enumerate(self.model.priors.free) if p.name in own)
 
     @cached_property
     def key(self) -> str:
@@ -207,18 +213,20 @@ class Problem:
         return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings, plants)]
 
     def roughly(
-        self, q: Array, only: Sequence[int] | None = None, to_look: bool = False
+        self, q: Array, only: Sequence[int] | None = None, to_look: bool = False, corners_stay: bool = False
     ) -> list[tuple[Reading, Array]]:
         """`clean` at few nodes where the model is gentle: what a small change of q changes may be taken from it.
 
-        Returns where each piece was worked out, and its block means. to_look: on a grid.
+        Returns where each piece was worked out, and its block means. to_look: on a grid; corners_stay: of the answer.
         """
         plants = self.plants(q)
-        outputs = self._outputs(q, only, self._rough_readings(plants, to_look), plants)
+        outputs = self._outputs(q, only, self._rough_readings(plants, to_look, corners_stay), plants)
         return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
 
-    def _rough_readings(self, plants: Sequence[Plant], to_look: bool = False) -> list[Reading]:
-        return [p.rough_reading(plant, to_look) for p, plant in zip(self.pieces, plants, strict=True)]
+    def _rough_readings(
+        self, plants: Sequence[Plant], to_look: bool = False, corners_stay: bool = False
+    ) -> list[Reading]:
+        return [p.rough_reading(plant, to_look, corners_stay) for p, plant in zip(self.pieces, plants, strict=True)]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
@@ -286,10 +294,11 @@ class Problem:
         out = [np.zeros((n, x.size)) for x in base]
         driven = self.reached_by(())
         # all from the same nodes, also where a small change would make another choice of them
-        readings = self._rough_readings(self.plants(q))
-        apart = [i for i in everything if readings[i] is self.pieces[i].rough]
-        here = [x if x.size else known for x, known in zip(self.clean(q, apart, readings), base, strict=True)]
+        plants = self.plants(q)
+        corners_move, corners_stay = ((r, self._at(q, r, base, everything)) for r in (
+            self._rough_readings(plants), self._rough_readings(plants, corners_stay=True)))
         for j in chosen:
+            readings, here = corners_move if j in self._cornered else corners_stay
             only = [i for i in everything if driven is None or i in driven or j not in self._electrical]
             if j >= self.model.dimension:  # a zero moves its own recording alone
                 only = [i for i in everything if self.pieces[i].zero == j - self.model.dimension]
@@ -305,6 +314,11 @@ class Problem:
                 if x.size and np.isfinite(x).all():  # at the edge of what has an answer a coordinate stands still
                     out[i][j] = (x - here[i]) / step
         return out
+
+    def _at(self, q: Array, readings: Sequence[Reading], base: list[Array], among: Iterable[int]) -> list[Array]:
+        """Predictions at q by `readings`; base: those that are compared with recordings, the same but for few nodes."""
+        few = [i for i in among if readings[i] is self.pieces[i].rough]
+        return [x if x.size else known for x, known in zip(self.clean(q, few, readings), base, strict=True)]
 
     def gram(
         self,

@@ -93,9 +93,11 @@ class Piece:
             return self.few
         return self.every
 
-    def rough_reading(self, plant: Plant, to_look: bool = False) -> Reading:
-        """The nodes for what a change of its parameters changes; to_look: on a grid."""
-        return self.rough if self.rough is not None and plant.is_gentle(to_look) else self.reading(plant)
+    def rough_reading(self, plant: Plant, to_look: bool = False, corners_stay: bool = False) -> Reading:
+        """The nodes for what a change of its parameters changes; to_look: on a grid; corners_stay: those of the answer
+        are where they were."""
+        gentle = plant.is_gentle(to_look) or (corners_stay and plant.corners_stay(to_look))
+        return self.rough if self.rough is not None and gentle else self.reading(plant)
 
     @property
     def every(self) -> Reading:

@@ -14,6 +14,15 @@ inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")
 
 
 @inline
+def place(h, places):
+    """Which of so many places (a power of two) the coefficients of a step of h (s) are kept at.
+
+    Steps of a few lengths, whole rows, follow each other in any order.
+    """
+    return int(min(h, 1e6) * 1e5 + 0.5) & (places - 1)
+
+
+@inline
 def phi1(x):
     if x < 1e-4:
         return 1.0 - x * (0.5 - x / 6.0)

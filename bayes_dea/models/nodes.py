@@ -19,6 +19,7 @@ from ..campaign.schema import Recording
 from .electrostatics import filled_input
 from .lags import even_step
 from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines
+from .steps import Steps
 
 #: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
 _STEP_GRID = 1.2
@@ -84,6 +85,20 @@ class Nodes:
     @cached_property
     def _rows(self) -> NDArray[np.int64]:
         return np.maximum(np.diff(self.row, prepend=self.row[:1]), 1)
+
+    @cached_property
+    def steps(self) -> Steps:
+        """What drives the chain, by the command."""
+        u0, u1 = self._command
+        return Steps(self._durations, u0, u1, self._rows)
+
+    def steps_after(self, past: Nodes) -> Steps:
+        """The same after a past; strains are asked for at these nodes."""
+        h, all_h = self._durations, past.durations()
+        h = np.concatenate([all_h, [1e-6 * float(np.median(h[1:]))], h[1:]])
+        u0, u1 = np.concatenate([past.command(), self._command], axis=1)
+        at = np.arange(all_h.size, h.size)
+        return Steps(h, u0, u1, np.concatenate([past.rows(), self._rows]), at)
 
     def read(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """y (m,) with the nodes that are not read straight between those that are."""

@@ -29,6 +29,8 @@ FRICTION_ELEMENTS = 64
 #: lines of many rows (`slow_lines`) stays within 10 nm rms (30 nm at worst) of the same at every row: in the 0.3 s that
 #: rows are kept after an edge its ring loses a factor of exp(9)
 _QUICK_HZ, _QUIET_HZ = 100.0, 5.0
+#: delay (s) after a change of the command within which few nodes are close to each other
+_SOON_S = 0.01
 #: part of a damper's lag within which a branch relaxes that passes for a damper between plates
 _DAMPER = 0.01
 #: time constant of a branch that is a damper beside a mass: far below any step between rows
@@ -133,6 +135,18 @@ class Plant:
         late = self.T_d_s > 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
         softens = self.mullins_share != 0.0 and not to_look
         return not (limits or late or softens or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
+
+    def corners_stay(self, to_look: bool = False) -> bool:
+        """Whether few nodes know what a change does to it that moves no corner of its answer (`Effect.moves_corners`).
+
+        Not where something rings, or is cut off and shows nothing of a change, nor where the answer comes so late that
+        few nodes are where it does. But for a grid (to_look), where a tenth will do, of what has corners only where the
+        supply ends: elsewhere parameters undo each other's changes nearly, and what is left of these, the way along a
+        valley, is lost between sensitivities of few nodes and of all.
+        """
+        if self.f_1_Hz < np.inf or self.y_max_m < np.inf or self.mains_m != 0.0 or self.T_d_s >= _SOON_S:
+            return False
+        return to_look or replace(self, V_max_V=np.inf).is_gentle()
 
     @property
     def _mass(self) -> float:
@@ -257,7 +271,9 @@ class Plant:
 
     def kernel_numbers(self) -> NDArray[np.float64]:
         """The plant as `plant_kernel` takes it (SIZE,), a fresh copy: a run overwrites the state in it."""
-        return self._numbers.copy()
+        w = np.empty(pk.SIZE)
+        w[:pk.A_TABLES] = self._numbers[:pk.A_TABLES]  # the kernel fills the tables as it needs them
+        return w
 
     def plate_numbers(self) -> NDArray[np.float64]:
         """The material alone, without mass and circuit, as `plate_kernel` takes it (SIZE,), a fresh copy."""

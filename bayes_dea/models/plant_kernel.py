@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .circuit_kernel import charge, field, inline, leaking, shorter, stored, straight
+from .circuit_kernel import charge, field, inline, leaking, place, shorter, stored, straight
 from .material_kernel import (
     BEYOND,
     P_BETA,
@@ -68,22 +68,22 @@ _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
     X_V, X_VQ, X_P, X_LOAD,  # volts on the dielectric, stored charge, polarisation, stress on the linear network
     X_ZR, X_ZI,  # state of the pair
     X_D1, X_D2, X_STEP,  # the last two changes of the strain, and the length of their steps
-    X_H,  # length of step that the coefficients in front belong to
-    X_OTHER,  # the same for those behind
-    X_FRONT,  # which of the two is in front
     X_TRIED,  # steps tried since the state was prepared
-) = range(BEYOND + 20, BEYOND + 33)
+) = range(BEYOND + 20, BEYOND + 30)
 
 #: most real modes
 MODES = 28
 #: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
 _SUMS = 24
 _TABLE = 6 * MODES + _SUMS
-A_C = BEYOND + 35
+#: lengths of steps of which coefficients are kept
+_TABLES = 32
+A_H = BEYOND + 32  # the lengths
+A_C = A_H + _TABLES
 A_T = A_C + MODES
 A_X = A_T + MODES
 A_TABLES = A_X + MODES
-SIZE = A_TABLES + 2 * _TABLE
+SIZE = A_TABLES + _TABLES * _TABLE
 # ---- of a table: what stays of modes, weights of the stress's start and end, what stays to the middle, weight of what
 # the stress in the middle is beside its line, length of the step in time constants; then sums
 _KEEP, _W0, _W1, _HALF, _WM, _LONG = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES, 5 * MODES
@@ -169,16 +169,14 @@ def _fill_table(w, tab, h):
 
 
 @_jit
-def _front(w, h):
-    """Where the coefficients of a step of length h (s) begin; two lengths in turn need not be worked out again."""
-    if h != w[X_H]:
-        w[X_H], w[X_OTHER] = w[X_OTHER], w[X_H]
-        w[X_FRONT] = 1.0 - w[X_FRONT]
-        if h != w[X_H]:
-            w[X_H] = h
-            at = A_TABLES + int(w[X_FRONT]) * _TABLE
-            _fill_table(w, w[at:at + _TABLE], h)
-    return A_TABLES + int(w[X_FRONT]) * _TABLE
+def _table_of(w, h):
+    """Where the coefficients of a step of length h (s) begin; those of a few lengths need not be worked out again."""
+    k = place(h, _TABLES)
+    at = A_TABLES + k * _TABLE
+    if h != w[A_H + k]:
+        w[A_H + k] = h
+        _fill_table(w, w[at:at + _TABLE], h)
+    return at
 
 
 @inline
@@ -238,7 +236,7 @@ def run(w, law_p, h, u0, u1, out):
                 e = math.nan
                 break
             if step != length:
-                at = _front(w, step)
+                at = _table_of(w, step)
                 tab, length = w[at:at + _TABLE], step
                 quick = n
                 while quick > 0 and step > _QUICK * T[quick - 1]:
@@ -505,7 +503,8 @@ def prepare(w, law_p):
     rested(w, law_p)
     w[X_V:X_TRIED + 1] = 0.0
     w[A_X:A_X + MODES] = 0.0
-    w[X_H] = w[X_OTHER] = w[X_STEP] = -1.0
+    w[X_STEP] = -1.0
+    w[A_H:A_H + _TABLES] = -1.0
 
 
 @_jit

@@ -14,10 +14,8 @@ from .plant import Plant
 from .plant_kernel import P_WHOLE, drive_voltage
 from .plate_kernel import drive_position
 from .static import law_stress_tangent
+from .steps import Steps
 from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
-
-#: a line is cut into pieces of at most so many volts
-_RAMP_V = 100.0
 
 
 def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
@@ -34,13 +32,9 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     if plant.stroke_m == 0.0:
         raise InputError(f"a voltage recording needs {', '.join(VOLTAGE_GEOMETRY)}; write them under [actuator] in "
                          "campaign.toml")
-    h, command, rows = nodes.durations(), nodes.command(), nodes.rows()
-    if past is not None:
-        h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
-        command = np.concatenate([past.command(), command], axis=1)
-        rows = np.concatenate([past.rows(), rows])
-    strain = _strain(plant, h, command[0], command[1], rows, whole=nodes.is_rough)
-    out = nodes.read(plant.stroke_m * strain[-nodes.size :])
+    steps = nodes.steps if past is None else nodes.steps_after(past)
+    strain = _strain(plant, steps, whole=nodes.is_rough)
+    out = nodes.read(plant.stroke_m * strain)
     if plant.alpha_T_m_per_K != 0.0:
         if nodes.temperature_C is None:
             raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
@@ -49,30 +43,20 @@ def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArr
     return out
 
 
-def _strain(
-    plant: Plant, h: NDArray, u0: NDArray, u1: NDArray, rows: NDArray, whole: bool = False
-) -> NDArray[np.float64]:
-    """Strain (m,) after steps h (m,) s, the command straight from u0 to u1 (m,) V in each; whole: none is cut."""
-    at = None
+def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float64]:
+    """Strain (m,) after each step; whole: none is cut by what the strain does in it."""
     if plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
-        limits = (plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s)
-        at = np.empty(h.size, dtype=np.int64)
-        room, many = 0, 2 * h.size
-        while many > room:
-            room = many
-            lines = np.empty((3, room))
-            many = supply(h, u0, u1, rows, *limits, lines[0], lines[1], lines[2], at)
-        h, u0, u1 = lines[0, :many], lines[1, :many], lines[2, :many]
-    out = np.empty(h.size)
+        steps = _supplied(plant, steps)
     if not plant.is_linear and not plant.swings and plant.creep is None:
-        w = plant.kernel_numbers()
+        w, out = plant.kernel_numbers(), np.empty(steps.h.size)
         w[P_WHOLE] = whole
-        drive_voltage(w, plant.law, h, u0, u1, out)
-        return out if at is None else out[at]
-    h, u0, u1, at = _cut(h, u0, u1, at)
+        drive_voltage(w, plant.law, steps.h, steps.u0, steps.u1, out)
+        return steps.asked(out)
+    steps = steps.in_pieces
+    h = steps.h
     start, end, out = np.empty(h.size), np.empty(h.size), np.empty(h.size)
     drive_lags(h, plant.factor, plant.R_s_ohm, plant.R_leak_ohm, plant.capacitance_F, plant.E_0_V_per_m,
-               plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, u0, u1, start, end)
+               plant.thickness_m, plant.a_q, plant.tau_q_s, plant.chi, plant.tau_d_s, steps.u0, steps.u1, start, end)
     if plant.swings:
         swinging(h, start, end, *plant.swinging_modes, out)
     elif plant.creep is None:
@@ -80,22 +64,20 @@ def _strain(
     else:
         network(h, start, end, 0.0, *plant.creep, out)
         _add_spring(plant.law_id, plant.law, end, out)
-    return out if at is None else out[at]
+    return steps.asked(out)
 
 
-def _cut(h: NDArray, u0: NDArray, u1: NDArray, at: NDArray | None) -> tuple[NDArray, NDArray, NDArray, NDArray | None]:
-    """Steps in which the voltage goes far, in pieces: the stress is its square, and is taken as straight in each.
-
-    at (m,): the last piece of each step that is asked for; None where pieces and steps are one.
-    """
-    far = np.abs(u1 - u0)
-    if not far.max(initial=0.0) > _RAMP_V:  # nan has no answer, and needs none
-        return h, u0, u1, at
-    n = np.maximum(np.ceil(far / _RAMP_V), 1.0).astype(np.int64)
-    last = np.cumsum(n) - 1
-    before = np.arange(n.sum()) - np.repeat(last - n + 1, n)
-    length, start, rise = (np.repeat(x / n, n) for x in (h, u0 * n, u1 - u0))
-    return length, start + rise * before, start + rise * (before + 1), last if at is None else last[at]
+def _supplied(plant: Plant, steps: Steps) -> Steps:
+    """What a supply with limits makes of commanded steps."""
+    at = np.empty(steps.h.size, dtype=np.int64)
+    room, many = 0, 2 * at.size
+    while many > room:
+        room = many
+        lines = np.empty((3, room))
+        many = supply(steps.h, steps.u0, steps.u1, steps.rows, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s,
+                      plant.tau_fall_s, lines[0], lines[1], lines[2], at)
+    h, u0, u1 = lines[:, :many]
+    return Steps(h, u0, u1, np.ones(many, dtype=np.int64), steps.asked(at))
 
 
 @njit(cache=True, error_model="numpy")

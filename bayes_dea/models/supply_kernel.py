@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .circuit_kernel import leaking
+from .circuit_kernel import inline, leaking, place
 
 #: a ramp is cut into lines of at most so many volts, because the stress along it is the square
 _RAMP_V = 100.0
@@ -17,13 +17,20 @@ _MISSED_V, _CURVED_V = 1.0, 0.25
 #: pieces of a step in which an activated leak charges, and share of the voltage by which it then changes
 _PIECES, _FAR = 24, 0.05
 
+#: lengths of steps of which coefficients are kept
+_KEPT = 64
+
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
 
-@_jit
+@inline
 def _limited(v, dead, top):
     size = min(max(abs(v) - dead, 0.0), top)
     return size if v >= 0.0 else -size
+
+
+# What is called within a step takes numbers and gives numbers: handing on an array costs more than a whole step,
+# because its references are counted.
 
 
 @_jit
@@ -40,96 +47,95 @@ def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last):
     v = 0.0
     slew = min(slew, 1e15)  # infinity times no time is no number
     instant = slew >= 1e15 and tau_fall == 0.0
-    cuts = np.empty(6)
-    count = 0
+    room, count = H.size, 0
     for i in range(h.size):
-        if c0[i] == c1[i]:
-            goal = _limited(c0[i], dead, top)
-            if instant or goal == v:
-                v, count = _line(h[i], goal, goal, H, u0, u1, count)
+        a, b = c0[i], c1[i]
+        share = 0.0
+        while share < 1.0:
+            # to where a limit begins or ends, straight parts of what these leave of a straight command
+            until = _next_kink(a, b, dead, top, share)
+            part = (until - share) * h[i]
+            start = _limited(a + share * (b - a), dead, top)
+            goal = _limited(a + until * (b - a), dead, top)
+            smooth = instant or (a == b and v == goal)
+            if smooth:
+                begin, end = start, goal
+            elif a != b:
+                smooth, begin, end = _followed(part, v, start, goal, slew, tau_fall)
+            if smooth:
+                if count < room:
+                    H[count], u0[count], u1[count] = part, begin, end
+                count += 1
+                v = end
             else:
-                v, count = _held(h[i], v, goal, slew, tau_fall, H, u0, u1, count)
-        else:
-            # straight parts of what the limits leave of a straight command
-            n = _kinks(c0[i], c1[i], dead, top, cuts)
-            for k in range(n - 1):
-                part = (cuts[k + 1] - cuts[k]) * h[i]
-                start = _limited(c0[i] + cuts[k] * (c1[i] - c0[i]), dead, top)
-                goal = _limited(c0[i] + cuts[k + 1] * (c1[i] - c0[i]), dead, top)
-                if instant:
-                    v, count = _line(part, start, goal, H, u0, u1, count)
-                else:
-                    few = max(1, round((cuts[k + 1] - cuts[k]) * rows[i]))
-                    v, count = _followed(part, v, start, goal, few, slew, tau_fall, H, u0, u1, count)
+                few = 1 if a == b else max(1, round((until - share) * rows[i]))
+                each = part / few
+                least = 1e-7 * each  # what is shorter than this happens at once
+                for k in range(few):
+                    aim = start + (k + 0.5) / few * (goal - start)
+                    left = each
+                    while True:
+                        step, begin, end = _held(left, least, v, aim, slew, tau_fall)
+                        if count < room:
+                            H[count], u0[count], u1[count] = step, begin, end
+                        count += 1
+                        v = end
+                        left -= step
+                        if left <= least:
+                            break
+            share = until
         last[i] = count - 1
     return count
 
 
-@_jit
-def _line(h, start, end, H, u0, u1, count):
-    """Write one line down, if there is room; its end, and how many there are."""
-    if count < H.size:
-        H[count], u0[count], u1[count] = h, start, end
-    return end, count + 1
+@inline
+def _next_kink(a, b, dead, top, share):
+    """Share of a line from a to b (V) at which the next limit begins or ends; 1 where none does."""
+    until = 1.0
+    if a != b:
+        low, high, up = min(a, b), max(a, b), (1.0 if b > a else -1.0)
+        for level in (-dead - top, -dead, dead, dead + top):
+            if low < level < high and (dead > 0.0 or level != 0.0):
+                at = up * (level - a) / (high - low)
+                if share < at < until:
+                    until = at
+    return until
 
 
-@_jit
-def _kinks(c0, c1, dead, top, cuts):
-    """Shares of a line from c0 to c1 at which a limit begins or ends, with 0 and 1 (in `cuts`); how many."""
-    cuts[0] = 0.0
-    n = 1
-    up = 1.0 if c1 > c0 else -1.0
-    for level in (-dead - top, -dead, dead, dead + top):
-        share = (up * level - c0) / (c1 - c0)
-        if 0.0 < share < 1.0 and (dead > 0.0 or abs(level) > 0.0):
-            cuts[n] = share
-            n += 1
-    cuts[n] = 1.0
-    return n + 1
+@inline
+def _held(left, least, v, aim, slew, tau_fall):
+    """The next line from v towards a goal that is held for as long as is `left` (s): its length, start and end."""
+    gap = aim - v
+    falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
+    rest = abs(gap) - slew * tau_fall if falling else abs(gap)
+    if rest > slew * least:
+        # as fast as the current lets it
+        time = rest / slew
+        if not falling and time <= left and rest * time < _MISSED_V * left:
+            # a ramp that is over soon: by its mean
+            return left, aim - gap * time / left, aim
+        step = min(left, time, _RAMP_V / slew)
+        change = math.copysign(rest if step == time else slew * step, gap)
+        end, mean = v + change, v + 0.5 * change
+    elif falling:
+        step = left
+        if abs(gap) * min(left / tau_fall, 1.0) ** 2 > 8.0 * _CURVED_V:
+            # what is behind a resistance sees the slope of the course
+            step = min(left, tau_fall * math.sqrt(8.0 * _CURVED_V / abs(gap)))
+        z = step / tau_fall
+        end = aim - gap * math.exp(-z)
+        mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
+    else:
+        step, end, mean = left, aim, aim
+    return step, 2.0 * mean - end, end
 
 
-@_jit
-def _held(h, v, aim, slew, tau_fall, H, u0, u1, count):
-    """From v towards a goal that is held for h (s)."""
-    left = h
-    least = 1e-7 * h  # what is shorter than this happens at once
-    while True:
-        gap = aim - v
-        falling = tau_fall > 0.0 and abs(aim) < abs(v) and aim * v >= 0.0
-        rest = abs(gap) - slew * tau_fall if falling else abs(gap)
-        if rest > slew * least:
-            # as fast as the current lets it
-            time = rest / slew
-            if not falling and time <= left and rest * time < _MISSED_V * left:
-                # a ramp that is over soon: by its mean
-                v, count = _line(left, aim - gap * time / left, aim, H, u0, u1, count)
-                break
-            step = min(left, time, _RAMP_V / slew)
-            change = math.copysign(rest if step == time else slew * step, gap)
-            end, mean = v + change, v + 0.5 * change
-        elif falling:
-            step = left
-            if abs(gap) * min(left / tau_fall, 1.0) ** 2 > 8.0 * _CURVED_V:
-                # what is behind a resistance sees the slope of the course
-                step = min(left, tau_fall * math.sqrt(8.0 * _CURVED_V / abs(gap)))
-            z = step / tau_fall
-            end = aim - gap * math.exp(-z)
-            mean = aim - gap * (1.0 - 0.5 * z if z < 1e-6 else -math.expm1(-z) / z)
-        else:
-            step, end, mean = left, aim, aim
-        v, count = _line(step, 2.0 * mean - end, end, H, u0, u1, count)
-        left -= step
-        if left <= least:
-            break
-    return v, count
-
-
-@_jit
-def _followed(h, v, start, goal, rows, slew, tau_fall, H, u0, u1, count):
-    """From v along a goal that goes straight from `start` to `goal` in h (s)."""
+@inline
+def _followed(h, v, start, goal, slew, tau_fall):
+    """From v along a goal that goes straight from `start` to `goal` in h (s): whether one line does it, its start and
+    its end."""
     gap, rise = start - v, (goal - start) / h
-    lagging = tau_fall > 0.0 and goal * v >= 0.0 and abs(goal) < abs(v) and abs(goal) <= abs(start) <= abs(v)
-    if lagging:
+    if tau_fall > 0.0 and goal * v >= 0.0 and abs(goal) < abs(v) and abs(goal) <= abs(start) <= abs(v):
         z = h / tau_fall
         # the part of the gap that dies out; the rest goes along
         dying = gap - rise * tau_fall
@@ -137,19 +143,14 @@ def _followed(h, v, start, goal, rows, slew, tau_fall, H, u0, u1, count):
             decay = math.expm1(-z)
             end = goal - rise * tau_fall - dying * (1.0 + decay)
             mean = 0.5 * (start + goal) - rise * tau_fall + dying * (decay / z if z > 1e-6 else 0.5 * z - 1.0)
-            return _line(h, 2.0 * mean - end, end, H, u0, u1, count)
+            return True, 2.0 * mean - end, end
     elif tau_fall == 0.0 or (abs(goal) >= abs(start) >= abs(v) and goal * start >= 0.0 and start * v >= 0.0):
         if abs(goal - v) > slew * h:
-            end = v + math.copysign(slew * h, goal - v)
-            return _line(h, v, end, H, u0, u1, count)
+            return True, v, v + math.copysign(slew * h, goal - v)
         lost = gap * min(abs(gap) / slew, h) / h
-        if abs(lost) < _MISSED_V:
-            # caught up soon: by its mean
-            return _line(h, start - lost, goal, H, u0, u1, count)
-        return _line(h, v, goal, H, u0, u1, count)
-    for k in range(rows):
-        v, count = _held(h / rows, v, start + (k + 0.5) / rows * (goal - start), slew, tau_fall, H, u0, u1, count)
-    return v, count
+        # what is caught up soon is known by its mean
+        return True, (start - lost if abs(lost) < _MISSED_V else v), goal
+    return False, v, v
 
 
 @_jit
@@ -188,7 +189,7 @@ def drive_lags(h, factor, rs, leak, c0, active, thickness, aq, tau_q, chi, tau_d
         start[i] = 2.0 * mean2 - end[i]
 
 
-@_jit
+@inline
 def _charged(h, rs, leak, c0, active, thickness, u0, u1, v):
     """Volts on a constant capacitance after h (s) under a supply straight from u0 to u1 (V), and their mean."""
     conducts, lift, middle = 1.0 / leak, 0.0, v + 0.5 * (u1 - u0)
@@ -212,7 +213,7 @@ def _charged(h, rs, leak, c0, active, thickness, u0, u1, v):
     return new, mean
 
 
-@_jit
+@inline
 def _answer(z, y, x0, x1):
     """First-order lag after a step of z time constants with a straight input."""
     if z < 1e-4:
@@ -230,17 +231,23 @@ def network(h, start, end, D, c, T, out):
     """
     K = T.size
     f, keep, w0, w1 = np.zeros(K), np.zeros(K), np.zeros(K), np.zeros(K)
+    length, kept = np.full(_KEPT, -1.0), np.empty((_KEPT, 3, K))
     known = -1.0
     for i in range(h.size):
         if h[i] != known:
             known = h[i]
+            k = place(known, _KEPT)
+            if length[k] != known:
+                length[k] = known
+                for j in range(K):
+                    z = known / T[j]
+                    m = 1.0 - z * (0.5 - z / 6.0) if z < 1e-4 else -math.expm1(-z) / z
+                    kept[k, 0, j] = 1.0 - z * m
+                    # states carry their coefficient, so that one sum is left
+                    kept[k, 2, j] = c[j] * (1.0 - m) if z >= 1e-4 else c[j] * z * (0.5 - z / 6.0)
+                    kept[k, 1, j] = c[j] * z * m - kept[k, 2, j]
             for j in range(K):
-                z = known / T[j]
-                m = 1.0 - z * (0.5 - z / 6.0) if z < 1e-4 else -math.expm1(-z) / z
-                keep[j] = 1.0 - z * m
-                # states carry their coefficient, so that one sum is left
-                w1[j] = c[j] * (1.0 - m) if z >= 1e-4 else c[j] * z * (0.5 - z / 6.0)
-                w0[j] = c[j] * z * m - w1[j]
+                keep[j], w0[j], w1[j] = kept[k, 0, j], kept[k, 1, j], kept[k, 2, j]
         s0, s1 = start[i], end[i]
         e = D * s1
         for j in range(K):
@@ -256,17 +263,23 @@ def swinging(h, start, end, c, T, out):
     K = T.size
     f, keep = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
     w0, w1 = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
+    length, kept = np.full(_KEPT, -1.0), np.empty((_KEPT, 3, K), dtype=np.complex128)
     known = -1.0
     for i in range(h.size):
         if h[i] != known:
             known = h[i]
+            k = place(known, _KEPT)
+            if length[k] != known:
+                length[k] = known
+                for j in range(K):
+                    z = known / T[j]
+                    small = abs(z) < 1e-4
+                    m = 1.0 - z * (0.5 - z / 6.0) if small else (1.0 - np.exp(-z)) / z
+                    kept[k, 0, j] = 1.0 - z * m
+                    kept[k, 2, j] = c[j] * z * (0.5 - z / 6.0) if small else c[j] * (1.0 - m)
+                    kept[k, 1, j] = c[j] * z * m - kept[k, 2, j]
             for j in range(K):
-                z = known / T[j]
-                small = abs(z) < 1e-4
-                m = 1.0 - z * (0.5 - z / 6.0) if small else (1.0 - np.exp(-z)) / z
-                keep[j] = 1.0 - z * m
-                w1[j] = c[j] * z * (0.5 - z / 6.0) if small else c[j] * (1.0 - m)
-                w0[j] = c[j] * z * m - w1[j]
+                keep[j], w0[j], w1[j] = kept[k, 0, j], kept[k, 1, j], kept[k, 2, j]
         e = 0.0
         for j in range(K):
             x = keep[j] * f[j] + (w0[j] * start[i] + w1[j] * end[i])

@@ -19,6 +19,8 @@ from bayes_dea.models.plant import plant_of
 AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation", "inertia",
                "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup",
                "sensor_clipping")
+#: of these, beside what sensitivities are known at few nodes; beside what nothing is, on no grid either
+KNOWN_BESIDE, NOTHING_BESIDE = "supply_saturation", ("inertia", "mains_pickup", "sensor_clipping")
 #: relative error of sensitivities: that of a curve read through few nodes; a sensor's lag takes what lies between them
 #: as straight, and of a lag far below the sampling there is next to nothing to be known
 WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06}
@@ -69,13 +71,31 @@ def plant_at(problem, q, piece):
 
 @pytest.mark.parametrize("name", AT_ALL_ROWS)
 def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name):
+    """What moves corners is known at all nodes; what is beside the end of the supply, and on a grid, by few."""
     problem, q = with_effect(campaign, name, np.random.default_rng(5))
     for p in problem.pieces:
-        assert p.rough_reading(plant_at(problem, q, p)) is not p.rough
+        plant = plant_at(problem, q, p)
+        assert p.rough_reading(plant) is not p.rough
+        assert (p.rough_reading(plant, corners_stay=True) is p.rough) == (name == KNOWN_BESIDE)
+        assert (p.rough_reading(plant, to_look=True, corners_stay=True) is p.rough) == (name not in NOTHING_BESIDE)
     assert not plant_at(*with_effect(campaign, TEMPERATURE, np.random.default_rng(5)), problem.pieces[0]).is_gentle()
     clean = problem.clean(q)
-    for a, b in zip(problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean), strict=True):
-        np.testing.assert_array_equal(a, b)
+    rough, fine = problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean)
+    own = {p.name for p in registered_effects()[name].parameters}
+    for j, p in enumerate(problem.model.priors.free):
+        wrong = np.sqrt(sum(np.sum((a[j] - b[j]) ** 2) for a, b in zip(rough, fine, strict=True)))
+        size = np.sqrt(sum(np.sum(b[j] ** 2) for b in fine))
+        assert 0.0 < wrong <= WRONG * size if name == KNOWN_BESIDE and p.name not in own else wrong == 0.0, p.name
+
+
+def test_a_delay_that_few_nodes_would_miss_is_worked_out_at_all(campaign):
+    problem, q = with_effect(campaign, "acquisition_delay", np.random.default_rng(5))
+    at = problem.model.priors.names.index("T_d_s")
+    for delay_s, few in ((2e-3, True), (30e-3, False)):
+        q[at] = np.log(delay_s)
+        piece = problem.pieces[0]
+        few_are = piece.rough_reading(plant_at(problem, q, piece), to_look=True, corners_stay=True) is piece.rough
+        assert few_are == few
 
 
 def test_predictions_nearby_are_those_at_all_nodes(campaign):

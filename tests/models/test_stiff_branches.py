@@ -8,6 +8,7 @@ import pytest
 from bayes_dea.models import plant_kernel as pk
 from bayes_dea.models.plant import Plant
 from bayes_dea.models.simulate_plant import _strain
+from bayes_dea.models.steps import Steps
 
 Y = 1.65e6
 PLANT = Plant(law=np.array([Y, 0, 0, 0, 0, 0]), Y_Pa=Y, factor=0.1, stroke_m=16e-3, capacitance_F=5e-9,
@@ -41,7 +42,7 @@ def driven(plant, u0, u1, fine=1):
 def test_without_a_curve_it_is_the_linear_network(beside):
     plant = replace(PLANT, **beside)
     for u0, u1 in supplies():
-        exact = plant.stroke_m * _strain(plant, np.full(N, H), u0, u1, np.ones(N, dtype=np.int64))
+        exact = plant.stroke_m * _strain(plant, Steps(np.full(N, H), u0, u1, np.ones(N, dtype=np.int64)))
         # a ramp from 0 to 1000 V within a step is a parabola in stress; the linear path takes it in ten lines
         far = np.abs(u1 - u0).max() > 100.0
         assert np.abs(driven(plant, u0, u1) - exact).max() < (0.3e-6 if far else 1e-12)

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from bayes_dea.models.plant import Plant
 from bayes_dea.models.plant_kernel import drive_voltage
 from bayes_dea.models.simulate_plant import _strain
+from bayes_dea.models.steps import Steps
 
 PLANT = Plant(Y_Pa=1.2e6, branches=[(60e3, 20.0), (80e3, 0.3)], factor=0.0262, f_1_Hz=87.0, zeta=0.07)
 MORE = [{}, {"zeta": 0.9}, {"d0_Pa_s": 900.0}, {"chi": 0.02, "tau_d_s": 0.4}, {"branches": []},
@@ -29,7 +30,7 @@ def test_modes_and_steps_agree(more):
     h, volts, _ = command()
     by_steps = np.empty(h.size)
     drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps)
-    by_modes = _strain(plant, h, volts, volts, np.ones(h.size, dtype=np.int64))
+    by_modes = _strain(plant, Steps(h, volts, volts, np.ones(h.size, dtype=np.int64)))
     assert np.max(np.abs(by_modes - by_steps)) < 2e-5 * np.max(np.abs(by_steps))
 
 
@@ -47,12 +48,12 @@ def test_modes_solve_the_equation_of_motion():
         return [x[1], (stress - plant.Y_Pa * x[0] - x[2] - d * x[1]) / mass, k * x[1] - x[2] / tau]
 
     solved = solve_ivp(rate, (0, 0.3), [0, 0, 0], method="DOP853", rtol=1e-11, atol=1e-16, t_eval=t + 1e-3)
-    ours = _strain(plant, h, volts, volts, np.ones(h.size, dtype=np.int64))
+    ours = _strain(plant, Steps(h, volts, volts, np.ones(h.size, dtype=np.int64)))
     assert np.max(np.abs(ours[: solved.y.shape[1]] - solved.y[0])) < 1e-8 * np.max(np.abs(ours))
 
 
 def test_numbers_that_are_none_have_no_answer_and_no_error():
     h, volts, _ = command(10)
     rows = np.ones(10, dtype=np.int64)
-    assert np.isnan(_strain(replace(PLANT, Y_Pa=np.nan), h, volts, volts, rows)).all()
-    assert np.isnan(_strain(replace(PLANT, f_1_Hz=1e200), h, volts, volts, rows)).all()
+    assert np.isnan(_strain(replace(PLANT, Y_Pa=np.nan), Steps(h, volts, volts, rows))).all()
+    assert np.isnan(_strain(replace(PLANT, f_1_Hz=1e200), Steps(h, volts, volts, rows))).all()

@@ -23,7 +23,8 @@ class Effect(ABC):
     name, stage: as in the contract. label: for pictures and tables. equation, source: text. acts_on: kinds of
     recordings that it changes. null: parameter values at which it does nothing, None where there are no finite ones.
     needs: columns without which it cannot be worked out. black_box: whether pz3 and ss3 can have it. without_network: a
-    network that holds the same part already.
+    network that holds the same part already. moves_corners: whether its parameters move corners of the answer in time,
+    or what comes at once.
     """
 
     name: ClassVar[str]
@@ -36,6 +37,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     black_box: ClassVar[bool] = False
     without_network: ClassVar[str] = ""
+    moves_corners: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -48,6 +48,7 @@ class SupplyCurrentLimit(Effect):
 
     name = "supply_current_limit"
     stage = "electrical"
+    moves_corners = True
     label = "current limit of the supply"
     equation = "|V_s'| <= I_max/C_0"
     source = f"{_CATALOGUE}, E3"
@@ -69,6 +70,7 @@ class OneQuadrantSupply(Effect):
 
     name = "one_quadrant_supply"
     stage = "electrical"
+    moves_corners = True
     label = "one-quadrant supply"
     equation = "V_s' = -(V_s - V_command)/tau_fall while V_s > V_command; rises at once"
     source = f"{_CATALOGUE}, E4"
@@ -90,6 +92,7 @@ class SupplySaturation(Effect):
 
     name = "supply_saturation"
     stage = "electrical"
+    moves_corners = True
     label = "saturation of the supply"
     equation = "V_s = min(V_command, V_max)"
     source = f"{_CATALOGUE}, E5"

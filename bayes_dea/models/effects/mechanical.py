@@ -62,6 +62,7 @@ class RateIndependentHysteresis(Effect):
 
     name = "rate_independent_hysteresis"
     stage = "mechanical"
+    moves_corners = True
     label = "rate-independent hysteresis"
     equation = "s = s_law(e) + sum s_j,  s_j = clip(s_j + k de, +-k y_j),  y_j exponential, mean eps_y; " \
                "sum k y_j = sigma_y"
@@ -153,6 +154,7 @@ class MullinsSoftening(Effect):
 
     name = "mullins_softening"
     stage = "mechanical"
+    moves_corners = True
     label = "Mullins softening"
     equation = "s = s_law(e) (1 - share erf((W_m - W)/(m + b W_m))),  W_m the largest energy so far"
     source = f"{_CATALOGUE}, E16; Ogden and Roxburgh 1999, 10.1098/rspa.1999.0431 (share = 1/r)"
@@ -175,6 +177,7 @@ class Inertia(Effect):
 
     name = "inertia"
     stage = "mechanical"
+    moves_corners = True
     label = "inertia"
     equation = "s = ... + M e'' + 2 zeta sqrt(Y M) e',  M = Y/(2 pi f_1)^2"
     source = f"{_CATALOGUE}, E17"
@@ -195,6 +198,7 @@ class ThermalExpansion(Effect):
 
     name = "thermal_expansion"
     stage = "mechanical"
+    moves_corners = True
     label = "thermal expansion"
     equation = "x = ... - alpha_T (T - T at the first row)"
     source = f"{_CATALOGUE}, E20"

@@ -45,6 +45,7 @@ class AcquisitionDelay(Effect):
 
     name = "acquisition_delay"
     stage = "sensor"
+    moves_corners = True
     label = "delay of the acquisition"
     equation = "y(t) = x(t - T_d), linear between samples"
     source = f"{_CATALOGUE}, E23"
@@ -148,6 +149,7 @@ class MainsPickup(Effect):
 
     name = "mains_pickup"
     stage = "sensor"
+    moves_corners = True
     label = "mains pickup"
     equation = "y + A sin(2 pi f (t - t of the first row) + phase)"
     source = f"{_CATALOGUE}, E26"
@@ -170,6 +172,7 @@ class SensorClipping(Effect):
 
     name = "sensor_clipping"
     stage = "sensor"
+    moves_corners = True
     label = "clipping of the sensor"
     equation = "min(y, y_max)"
     source = f"{_CATALOGUE}, E26"
