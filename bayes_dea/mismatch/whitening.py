@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..noise.blocks import block_whiten
 from .journal import digest
 from .reduced import Piece
 
@@ -68,7 +67,8 @@ def whiten_columns(piece: Piece, columns: Array, noise: Noise) -> tuple[Array, f
     sigma, rho = noise.of(piece)
     n = len(columns)
     stacked = np.concatenate([columns, piece.carried]) if len(piece.carried) else columns
-    x, logdet = block_whiten(stacked, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)
+    whitener = piece.whitener(sigma, rho)
+    x, logdet = whitener(stacked), whitener.logdet
     if n == len(stacked):
         return x, logdet
     A = x[n:]
