@@ -14,10 +14,12 @@ from ..priors import Prior
 #: for Poole-Frenkel emission in silicone at 300 K, four times that for Schottky emission; what is measured lies about
 #: either, and above where conduction is partly ohmic. At 100 MV/m, twice the fields of a stack, little tells the leak
 #: from a linear one: between that and the linear law there is no gap. And temperature that moves the readings the other
-#: way: the holder of the sensor grows by more than the stack (its catalogue entry, E20, takes either together)
+#: way: the holder of the sensor grows by more than the stack (its catalogue entry, E20, takes either together). And
+#: readings that come before their command: clocks that are not synchronised are ahead as often as behind
 VARIANTS: dict[str, dict[str, Prior]] = {
     "leakage": {"E_0_V_per_m": Prior("loguniform", 2e5, 1e8), "R_leak_ohm": Prior("loguniform", 1e5, 1e13)},
     "thermal_expansion": {"alpha_T_m_per_K": Prior("uniform", -5e-5, -1e-7)},
+    "acquisition_delay": {"T_d_s": Prior("uniform", -0.02, 0.0)},
 }
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few
@@ -25,8 +27,14 @@ VARIANTS: dict[str, dict[str, Prior]] = {
 COUNTED = {"rate_independent_hysteresis": "friction_elements"}
 COUNTS = (*range(6, 21), 22, 24, 26, 28, 30, 32, 36, 40, 45, 48, 50, 56, 60, 64, 72, 80, 90, 100, 128, 200, 0)
 
-#: parameters that say which law of an effect is meant
-TOLD_BY = {p for law in VARIANTS.values() for p in law} | set(COUNTED.values())
+#: priors of further laws, by parameter
+_FURTHER = {p: prior for law in VARIANTS.values() for p, prior in law.items()}
+
+
+def tells_law(parameter: str, prior: str) -> bool:
+    """Whether a prior, in words, says which law of an effect is meant, and not only where a parameter may lie."""
+    further = _FURTHER.get(parameter)
+    return parameter in COUNTED.values() or (further is not None and prior == str(further))
 
 
 def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:

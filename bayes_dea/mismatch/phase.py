@@ -11,6 +11,7 @@ import math
 
 from scipy.special import ndtr
 
+from ..priors import Prior
 from .refit import Fit
 
 _PARAMETER = "T_d_s"
@@ -22,9 +23,12 @@ def sample_step_s(fit: Fit) -> float:
 
 
 def delay_of(fit: Fit) -> float | None:
-    """The delay (s) at a fit, its median; None where it has none that is free."""
-    found = _log_delay(fit)
-    return None if found is None else math.exp(found[0])
+    """The delay (s) at a fit, its median, negative where readings lead; None where it has none that is free."""
+    found = _delay(fit)
+    if found is None:
+        return None
+    prior, centre, _ = found
+    return math.exp(centre) if prior.is_log else centre
 
 
 def phase_odds(fit: Fit) -> float:
@@ -37,29 +41,30 @@ def phase_odds(fit: Fit) -> float:
 
 
 def share_below(fit: Fit) -> float:
-    """Probability that the delay of a fit is less than one sample."""
+    """Probability that the delay of a fit, or what it leads by, is less than one sample."""
     below, odds = _below(fit)
     return min(1.0, below * odds / (below * odds + 1.0 - below))
 
 
 def _below(fit: Fit) -> tuple[float, float]:
     """That probability by the prior that was fitted, and the odds of being there against it."""
-    step, found = sample_step_s(fit), _log_delay(fit)
+    step, found = sample_step_s(fit), _delay(fit)
     if found is None or step <= 0.0:
         return 0.0, 1.0
-    centre, sd = found
+    prior, centre, sd = found
+    if not prior.is_log:  # of a lead, or even by itself
+        return float(ndtr((step - abs(centre)) / max(sd, 1e-9 * step))), 1.0
     below = float(ndtr((math.log(step) - centre) / max(sd, 1e-9)))
-    prior = next(p.prior for p in fit.problem.model.priors.free if p.name == _PARAMETER)
     if prior.family != "loguniform" or not prior.a < step < prior.b:
         return below, 1.0
     # what the prior has between its least delay and one sample, spread evenly over the sample
     return below, min(math.exp(centre) / step, 1.0) * math.log(step / prior.a)
 
 
-def _log_delay(fit: Fit) -> tuple[float, float] | None:
-    """Mean and sd of the logarithm of the delay in s."""
-    names = [p.name for p in fit.problem.model.priors.free]
-    if _PARAMETER not in names:
+def _delay(fit: Fit) -> tuple[Prior, float, float] | None:
+    """Prior of the delay in s, its mean and sd; of the logarithm where the prior is one of that."""
+    free = fit.problem.model.priors.free
+    i = next((i for i, p in enumerate(free) if p.name == _PARAMETER), None)
+    if i is None:
         return None
-    i = names.index(_PARAMETER)
-    return float(fit.q[i]), math.sqrt(max(float(fit.covariance[i, i]), 0.0))
+    return free[i].prior, float(fit.q[i]), math.sqrt(max(float(fit.covariance[i, i]), 0.0))

@@ -16,7 +16,7 @@ from ..campaign.schema import Campaign
 from .clipped import Limit, below
 from .descent import Linearisation
 from .hypotheses import NONE
-from .laws import TOLD_BY
+from .laws import tells_law
 from .locate import ADEQUATE, scan
 from .noise_prior import NoisePrior
 from .own_zero import with_zeros
@@ -100,7 +100,7 @@ def _another_law(first: dict[str, Any], second: dict[str, Any]) -> bool:
 
 def _laws(summary: dict[str, Any]) -> dict[str, str]:
     """Priors of the corrected model that say which law of an effect is meant."""
-    return {name: prior for name, prior in summary["corrected_priors"].items() if name in TOLD_BY}
+    return {name: prior for name, prior in summary["corrected_priors"].items() if tells_law(name, prior)}
 
 
 def _law(summary: dict[str, Any]) -> str:

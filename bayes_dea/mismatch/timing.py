@@ -48,13 +48,14 @@ def as_timing(probability: dict[str, float], naming: Naming) -> Shift:
 
 
 #: how the note of a shift begins: by it the statement knows that there is one
-LAG_NOTE = "timing: the readings lag the command"
+SHIFT_NOTE = "timing: the readings"
 
 
 def timing_note(delay_s: float, step_s: float) -> str:
     """One line about a shift that is no physics."""
+    how = "lead" if delay_s < 0.0 else "lag"
     return (
-        f"{LAG_NOTE} by {1e3 * delay_s:.2g} ms, less than one sample "
+        f"{SHIFT_NOTE} {how} the command by {1e3 * abs(delay_s):.2g} ms, less than one sample "
         f"({1e3 * step_s:.3g} ms): when a row is read and when its command was given is the bench's convention, no "
         "physics; see hold in campaign.toml"
     )

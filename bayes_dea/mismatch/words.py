@@ -11,7 +11,7 @@ from ..models.effects import registered_effects
 from ..noise.mains import Mains
 from .hypotheses import MAINS, NONE, UNKNOWN
 from .name import Naming
-from .timing import LAG_NOTE
+from .timing import SHIFT_NOTE
 from .weigh import Weighed
 
 #: share of an error by which it has to move to be said in its digits, and nats of ELPD that are worth a word
@@ -31,7 +31,7 @@ def statement(
     confidence = f"confidence {summary['confidence']:.2f}"
     numbers = _proved(proof)
     if verdict == NONE:
-        if any(w.startswith(LAG_NOTE) for w in summary["warnings"]):
+        if any(w.startswith(SHIFT_NOTE) for w in summary["warnings"]):
             text = f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
             others = [m for m in summary["indistinguishable"] if m != NONE]
             return text + (f" They cannot tell that shift from {', '.join(others)}." if others else "")
@@ -110,7 +110,8 @@ def _with_shift(name: str, delay_s: float | None) -> str:
     """An explanation by its name, and the shift of the readings that it needs."""
     if delay_s is None:
         return name
-    late = f"readings that are late by {1e3 * delay_s:.2g} ms, less than one sample"
+    how = "early" if delay_s < 0.0 else "late"
+    late = f"readings that are {how} by {1e3 * abs(delay_s):.2g} ms, less than one sample"
     return f"{name} but {late}" if name == NONE else f"{name} with {late}"
 
 

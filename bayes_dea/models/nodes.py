@@ -133,16 +133,18 @@ def make_nodes(
     lines: bool = False,
     line_settings: LineSettings = FINE,
     fine_s: float = 0.3,
+    early_s: float = 0.02,
     growth: float = 0.025,
     cap_s: float = 1.0,
     extra_rows: NDArray[np.int64] | tuple[int, ...] = (),
 ) -> Nodes:
     """Nodes of a recording with a `voltage_V` column.
 
-    Every row where the command changes, the row before it, and all rows for `fine_s` (s) after it; on stretches of
-    constant command the spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a
-    step have the command of the node at its end. lines: slow changes at every row are taken as lines of many rows
-    (`slow_lines`), as long as line_settings allow. extra_rows: further rows to include, without `lines`.
+    Every row where the command changes, the row before it, those for `early_s` (s) before that, which readings that
+    lead their command are read off between, and all for `fine_s` (s) after it; on stretches of constant command the
+    spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a step have the command of
+    the node at its end. lines: slow changes at every row are taken as lines of many rows (`slow_lines`), as long as
+    line_settings allow. extra_rows: further rows to include, without `lines`.
     """
     time_s = np.asarray(recording.time_s, float)
     n = time_s.size
@@ -151,7 +153,7 @@ def make_nodes(
     if every_row:
         keep = np.ones(n, dtype=bool)
     else:
-        keep = _coarse(time_s, volts, step, fine_s, growth, cap_s)
+        keep = _coarse(time_s, volts, step, fine_s, early_s, growth, cap_s)
         keep[np.asarray(extra_rows, dtype=np.int64)] = True
     row = np.flatnonzero(keep)
     linear = recording.hold == "linear"
@@ -172,7 +174,7 @@ def rough_nodes(recording: Recording) -> Nodes:
 
     The output is smooth between its corners, and is to be read off as that.
     """
-    nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, growth=0.2, cap_s=5.0)
+    nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0)
     return replace(nodes, corners=np.searchsorted(nodes.row, corners(_held_until(recording))))
 
 
@@ -186,7 +188,7 @@ def _held_until(recording: Recording) -> NDArray[np.float64]:
 
 
 def _coarse(
-    time_s: NDArray, volts: NDArray, step: float, fine_s: float, growth: float, cap_s: float
+    time_s: NDArray, volts: NDArray, step: float, fine_s: float, early_s: float, growth: float, cap_s: float
 ) -> NDArray[np.bool_]:
     n = time_s.size
     changed = np.empty(n, dtype=bool)
@@ -201,6 +203,10 @@ def _coarse(
     keep[np.maximum(start - 1, 0)] = True
     keep[[0, n - 1]] = True
     end = np.append(start[1:], n)
+    before = end[which] - 1  # the row before the next change
+    # and one more, of which nothing is early
+    keep |= (time_s[before] - time_s <= early_s) & (early_s > 0.0)
+    keep[np.maximum(start - 2, 0)] |= early_s > 0.0
     for k in np.flatnonzero(time_s[end - 1] - edge > fine_s):
         last = int(end[k]) - 1
         i = int(np.searchsorted(time_s, edge[k] + fine_s, "right")) - 1

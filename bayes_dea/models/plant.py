@@ -132,7 +132,7 @@ class Plant:
         corners are where a maximum is left behind by little.
         """
         limits = min(self.V_max_V, self.y_max_m) < np.inf or self.sigma_y_Pa > 0.0
-        late = self.T_d_s > 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
+        late = self.T_d_s != 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
         softens = self.mullins_share != 0.0 and not to_look
         return not (limits or late or softens or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
 
@@ -140,11 +140,11 @@ class Plant:
         """Whether few nodes know what a change does to it that moves no corner of its answer (`Effect.moves_corners`).
 
         Not where something rings, or is cut off and shows nothing of a change, nor where the answer comes so late that
-        few nodes are where it does. But for a grid (to_look), where a tenth will do, of what has corners only where the
-        supply ends: elsewhere parameters undo each other's changes nearly, and what is left of these, the way along a
-        valley, is lost between sensitivities of few nodes and of all.
+        few nodes are where it does, or before the command. But for a grid (to_look), where a tenth will do, of what has
+        corners only where the supply ends: elsewhere parameters undo each other's changes nearly, and what is left of
+        these, the way along a valley, is lost between sensitivities of few nodes and of all.
         """
-        if self.f_1_Hz < np.inf or self.y_max_m < np.inf or self.mains_m != 0.0 or self.T_d_s >= _SOON_S:
+        if self.f_1_Hz < np.inf or self.y_max_m < np.inf or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
             return False
         return to_look or replace(self, V_max_V=np.inf).is_gentle()
 

@@ -105,7 +105,7 @@ def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.flo
 
     Before the first node the displacement was the one there.
     """
-    if plant.T_d_s > 0.0:
+    if plant.T_d_s != 0.0:
         late = np.empty_like(y)
         delayed(nodes.time_s, y, plant.T_d_s, late)
         y = late

@@ -290,13 +290,19 @@ def swinging(h, start, end, c, T, out):
 
 @_jit
 def delayed(time, y, delay, out):
-    """y (m,) shifted by `delay` (s), straight between nodes; the first value stands for what was before."""
+    """y (m,) shifted by `delay` (s), straight between nodes; negative: what comes is read early.
+
+    The first value stands for what was before, the last one for what comes after.
+    """
     k = 0
     m = time.size
     for i in range(m):
         t = time[i] - delay
         if t <= time[0]:
             out[i] = y[0]
+            continue
+        if t >= time[m - 1]:
+            out[i] = y[m - 1]
             continue
         while k + 1 < m and time[k + 1] < t:
             k += 1

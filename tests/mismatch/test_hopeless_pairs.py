@@ -9,7 +9,7 @@ from bayes_dea.mismatch import name as naming
 from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
 
-CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.0075}
+CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.015}
 
 
 @pytest.fixture

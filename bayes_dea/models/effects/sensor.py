@@ -41,7 +41,7 @@ def stated_accuracy(campaign: Campaign) -> float | None:
 
 
 class AcquisitionDelay(Effect):
-    """The record is late by a fixed time."""
+    """The record is late by a fixed time; a negative one, by a prior of its own, is early."""
 
     name = "acquisition_delay"
     stage = "sensor"
@@ -60,6 +60,9 @@ class AcquisitionDelay(Effect):
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the time."""
+        if values["T_d_s"] < 0.0:
+            early = quantity(-values["T_d_s"], "s")
+            return f"the recorded displacement is early by {early}: its clock is ahead of the command's"
         return f"the recorded displacement is late by {quantity(values['T_d_s'], 's')} (delay of the acquisition)"
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:

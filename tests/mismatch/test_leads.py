@@ -1,0 +1,79 @@
+"""Readings that lead their command: clocks that are not synchronised are ahead as often as behind."""
+
+import re
+from dataclasses import replace
+from types import MappingProxyType, SimpleNamespace
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.phase import delay_of, phase_odds, share_below
+from bayes_dea.models.model import build_model
+from bayes_dea.models.supply_kernel import delayed
+from bayes_dea.priors import Prior, parse_override
+
+LEAD = Prior("uniform", -0.02, 0.0)
+
+
+def led(campaign, lead_s):
+    """The same with every displacement read so much earlier (s), straight between rows."""
+    def moved(r):
+        y = np.interp(r.time_s + lead_s, r.time_s, r.columns["displacement_m"])
+        return replace(r, columns=MappingProxyType({**r.columns, "displacement_m": y}))
+
+    return replace(campaign, recordings=tuple(moved(r) for r in campaign.recordings))
+
+
+@pytest.mark.parametrize("lead_s", [5e-5, 3e-4, 9e-4])
+def test_a_lead_below_one_sample_is_timing_and_no_physics(lead_s):
+    s = diagnose(led(concealed(), lead_s), "hooke+gm3").summary
+    assert s["verdict"] == "none"
+    assert s["confidence"] > 0.8
+    said = re.match(r"timing: the readings lead the command by (0\.\d+) ms, less than one sample", s["warnings"][0])
+    assert float(said[1]) == pytest.approx(1e3 * lead_s, abs=0.02)
+    assert "reason to doubt" in s["statement"]
+    assert not any("recordings to validate" in w for w in s["warnings"])
+
+
+def test_what_is_left_out_beside_a_lead_is_named_without_it():
+    s = diagnose(led(concealed({"series_resistance": {"R_s_ohm": 1.2e5}}), 4e-4), "hooke+gm3").summary
+    assert s["verdict"] == "series_resistance"
+    said = re.match(r"timing: the readings lead the command by (0\.\d+) ms, less than one sample", s["warnings"][0])
+    assert float(said[1]) == pytest.approx(0.4, abs=0.05)
+    found = s["hypotheses"][0]["parameters"]["R_s_ohm"]
+    assert found["mean"] == pytest.approx(1.2e5, abs=4.0 * found["sd"])
+
+
+def test_a_lead_of_several_samples_is_named():
+    s = diagnose(led(concealed(), 5e-3), "hooke+gm3").summary
+    assert s["verdict"] == "acquisition_delay"
+    found = s["hypotheses"][0]["parameters"]["T_d_s"]
+    assert found["mean"] == pytest.approx(-5e-3, abs=3.0 * found["sd"] + 2e-5)
+    assert "is early by 5 ms" in s["statement"]
+    assert s["proof"]["rmse_after_m"] < 1.05 * s["proof"]["noise_m"]
+    # what calibrate has to be told, where its prior file has late ones alone
+    told = dict(parse_override(f"{n}={p}") for n, p in s["corrected_priors"].items())
+    (prior,) = [p.prior for p in build_model(s["corrected_model"], told).parameters if p.name == "T_d_s"]
+    assert prior.a < -5e-3 < prior.b
+
+
+def test_a_shift_either_way_is_read_straight_between_nodes():
+    rng = np.random.default_rng(3)
+    t, y = np.cumsum(rng.uniform(1e-3, 3e-3, 200)), rng.normal(size=200)
+    out = np.empty(200)
+    for delay in (-7.3e-3, -4e-4, 0.0, 4e-4, 7.3e-3, 9.0, -9.0):
+        delayed(t, y, delay, out)
+        np.testing.assert_allclose(out, np.interp(t - delay, t, y), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("lead_s", "below"), [(3e-4, 1.0), (1e-3, 0.5), (4e-3, 0.0)])
+def test_what_a_fit_leads_by_may_be_less_than_a_sample(lead_s, below):
+    free = [SimpleNamespace(name="T_d_s", prior=LEAD)]
+    pieces = [SimpleNamespace(channel="displacement", prepared=SimpleNamespace(step_s=1e-3))]
+    problem = SimpleNamespace(pieces=pieces, model=SimpleNamespace(priors=SimpleNamespace(free=free)))
+    fit = SimpleNamespace(problem=problem, q=np.array([-lead_s]), covariance=np.diag([1e-5**2]))
+    assert delay_of(fit) == -lead_s
+    assert share_below(fit) == pytest.approx(below)
+    assert phase_odds(fit) == pytest.approx(1.0)
