@@ -26,8 +26,7 @@ def led(campaign, lead_s):
     return replace(campaign, recordings=tuple(moved(r) for r in campaign.recordings))
 
 
-@pytest.mark.parametrize("lead_s", [pytest.param(5e-5, marks=pytest.mark.long), 3e-4,
-                                    pytest.param(9e-4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("lead_s", [5e-5, 3e-4, 9e-4])
 def test_a_lead_below_one_sample_is_timing_and_no_physics(lead_s):
     s = diagnose(led(concealed(), lead_s), "hooke+gm3").summary
     assert s["verdict"] == "none"
