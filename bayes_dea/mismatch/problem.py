@@ -295,10 +295,11 @@ class Problem:
         driven = self.reached_by(())
         # all from the same nodes, also where a small change would make another choice of them
         plants = self.plants(q)
-        corners_move, corners_stay = ((r, self._at(q, r, base, everything)) for r in (
-            self._rough_readings(plants), self._rough_readings(plants, corners_stay=True)))
+        stay = {j: j not in self._cornered for j in chosen}
+        where = {s: self._rough_readings(plants, corners_stay=s) for s in set(stay.values())}
+        known = {s: self._at(q, readings, plants, base, everything) for s, readings in where.items()}
         for j in chosen:
-            readings, here = corners_move if j in self._cornered else corners_stay
+            readings, here = where[stay[j]], known[stay[j]]
             only = [i for i in everything if driven is None or i in driven or j not in self._electrical]
             if j >= self.model.dimension:  # a zero moves its own recording alone
                 only = [i for i in everything if self.pieces[i].zero == j - self.model.dimension]
@@ -315,10 +316,13 @@ class Problem:
                     out[i][j] = (x - here[i]) / step
         return out
 
-    def _at(self, q: Array, readings: Sequence[Reading], base: list[Array], among: Iterable[int]) -> list[Array]:
+    def _at(
+        self, q: Array, readings: Sequence[Reading], plants: Sequence[Plant], base: list[Array], among: Iterable[int]
+    ) -> list[Array]:
         """Predictions at q by `readings`; base: those that are compared with recordings, the same but for few nodes."""
         few = [i for i in among if readings[i] is self.pieces[i].rough]
-        return [x if x.size else known for x, known in zip(self.clean(q, few, readings), base, strict=True)]
+        found = self.clean(q, few, readings, plants) if few else base
+        return [x if x.size else known for x, known in zip(found, base, strict=True)]
 
     def gram(
         self,

@@ -25,7 +25,7 @@ from ..models.electrostatics import filled_input
 from ..models.nodes import Nodes, make_nodes, past_nodes, rough_nodes
 from ..models.path import Path
 from ..models.plant import Plant
-from ..noise.blocks import Blocks, BlockWhitener, block_means, log_blocks
+from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from .journal import digest
 
@@ -39,8 +39,6 @@ Array = NDArray[np.float64]
 _SHOWN = 0.9
 #: share of the nodes of a recording that few ones have to be, at most, for changes to be taken from these
 _WORTH_IT = 0.8
-#: whiteners that a piece keeps
-_KEPT = 4
 #: rows at rest before plates move, and the sds of a reading from which on a force jumps
 _AT_REST, _JUMP = 20, 8.0
 
@@ -78,20 +76,6 @@ class Piece:
         """Digest of what is compared: readings, blocks, masks, and how the command is read."""
         zero = None if self.nodes is None else self.nodes.zero_m
         return digest(self.name, self.recording.hold, self.y, self.blocks.count, self.blocks.gap, self.nuisance, zero)
-
-    @cached_property
-    def _whiteners(self) -> dict[tuple[float, float], BlockWhitener]:
-        return {}
-
-    def whitener(self, sigma: float, rho: float) -> BlockWhitener:
-        """Of its blocks under a noise; the last few are kept, which thousands of predictions are compared under."""
-        known = self._whiteners
-        if (sigma, rho) not in known:
-            while len(known) >= _KEPT:
-                known.pop(next(iter(known)))
-            b = self.blocks
-            known[sigma, rho] = BlockWhitener(b.count, sigma, rho, b.gap, self.white_variance)
-        return known[sigma, rho]
 
     @property
     def recording(self) -> Recording:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..noise.blocks import block_whiten
 from .journal import digest
 from .reduced import Piece
 
@@ -67,8 +68,7 @@ def whiten_columns(piece: Piece, columns: Array, noise: Noise) -> tuple[Array, f
     sigma, rho = noise.of(piece)
     n = len(columns)
     stacked = np.concatenate([columns, piece.carried]) if len(piece.carried) else columns
-    whitener = piece.whitener(sigma, rho)
-    x, logdet = whitener(stacked), whitener.logdet
+    x, logdet = block_whiten(stacked, piece.blocks.count, sigma, rho, piece.blocks.gap, piece.white_variance)
     if n == len(stacked):
         return x, logdet
     A = x[n:]

@@ -1,7 +1,7 @@
 """The dielectric's circuit along one step: charging through a resistance, stored charge, Maxwell stress.
 
 The supply is straight within a step. Compiled into the kernel that calls it; Numba keeps its code by the date of its
-own file: after an edit of this one touch `plant_kernel.py`.
+own file: after an edit of this one touch `plant_kernel.py` and `supply_kernel.py`.
 """
 
 from __future__ import annotations

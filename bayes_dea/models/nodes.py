@@ -203,9 +203,9 @@ def _coarse(
     keep[np.maximum(start - 1, 0)] = True
     keep[[0, n - 1]] = True
     end = np.append(start[1:], n)
-    before = end[which] - 1  # the row before the next change
-    # and one more, of which nothing is early
+    before = end[which] - 1  # the row before the next change, or the last
     keep |= (time_s[before] - time_s <= early_s) & (early_s > 0.0)
+    # one, where rows are further apart than that
     keep[np.maximum(start - 2, 0)] |= early_s > 0.0
     for k in np.flatnonzero(time_s[end - 1] - edge > fine_s):
         last = int(end[k]) - 1

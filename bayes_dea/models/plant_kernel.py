@@ -76,7 +76,7 @@ MODES = 28
 #: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
 _SUMS = 24
 _TABLE = 6 * MODES + _SUMS
-#: lengths of steps of which coefficients are kept
+#: lengths of steps of which coefficients are kept; a power of two
 _TABLES = 32
 A_H = BEYOND + 32  # the lengths
 A_C = A_H + _TABLES

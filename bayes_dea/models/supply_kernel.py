@@ -17,7 +17,7 @@ _MISSED_V, _CURVED_V = 1.0, 0.25
 #: pieces of a step in which an activated leak charges, and share of the voltage by which it then changes
 _PIECES, _FAR = 24, 0.05
 
-#: lengths of steps of which coefficients are kept
+#: lengths of steps of which coefficients are kept; a power of two
 _KEPT = 64
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)

@@ -316,59 +316,13 @@ def _whiten(x, m, gap, sigma, rho, white, out):
     return _whiten_terms(x, gap, sigma, rho, _mean_terms(m, sigma, rho, white), out)
 
 
-@njit(cache=True, inline="always")
-def _next(u, a, through, gap, rho, var, p):
-    """Lag to a block, weight of what is new in it, p behind it and the variance of its own part; p before it.
-
-    p: the variance under the factor, at the last row of a block, of what remains correlated.
-    """
-    lag = rho if gap == 1 else (0.0 if rho == 0.0 else rho ** float(gap))
-    p *= lag * lag
-    d = a - u * u * p
-    w = (u * var - through * u * p) / d
-    return lag, w, through * through * p + d * w * w, d
-
-
-@njit(cache=True)
-def _factor(gap, sigma, rho, terms, out):
-    """The exact Cholesky factor of the covariance in out (n, 5); returns its log-determinant.
-
-    A row holds the lag to a block, its u, what goes through it, the weight of what is new, and 1/sd of its own part.
-    """
-    p = 0.0
-    var = sigma * sigma
-    logdet = 0.0
-    product = 1.0
-    for i in range(gap.size):
-        u = terms[i, 0]
-        a = terms[i, 1]
-        through = terms[i, 2]
-        lag, w, p, d = _next(u, a, through, gap[i], rho, var, p)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = lag, u, through, w, 1.0 / math.sqrt(d)
-        product *= d
-        if product < 1e-200 or product > 1e200:
-            logdet += math.log(product)
-            product = 1.0
-    return logdet + math.log(product)
-
-
-@njit(cache=True)
-def _substitute(x, factor, out):
-    """Forward substitution of columns x (k, n). State: f (k,), the conditional mean of what remains correlated."""
-    k = x.shape[0]
-    f = np.zeros(k)
-    for i in range(x.shape[1]):
-        lag, u, through, w, inverse_sd = factor[i, 0], factor[i, 1], factor[i, 2], factor[i, 3], factor[i, 4]
-        for c in range(k):
-            g = lag * f[c]
-            z = x[c, i] - u * g
-            out[c, i] = z * inverse_sd
-            f[c] = through * g + w * z
-
-
 @njit(cache=True)
 def _whiten_terms(x, gap, sigma, rho, terms, out):
-    """Factor and substitution in one go, for columns that are whitened once; returns the log-determinant."""
+    """Forward substitution with the exact Cholesky factor; returns the log-determinant of the covariance.
+
+    State of the recursion, at the last row of the block before: f (one a column of x), the conditional
+    mean of what remains correlated, and p, its variance under the factor.
+    """
     n = gap.size
     k = x.shape[0]
     f = np.zeros(k)
@@ -380,7 +334,11 @@ def _whiten_terms(x, gap, sigma, rho, terms, out):
         u = terms[i, 0]
         a = terms[i, 1]
         through = terms[i, 2]
-        lag, w, p, d = _next(u, a, through, gap[i], rho, var, p)
+        lag = rho if gap[i] == 1 else (0.0 if rho == 0.0 else rho ** float(gap[i]))
+        p *= lag * lag
+        d = a - u * u * p
+        w = (u * var - through * u * p) / d
+        p = through * through * p + d * w * w
         inverse_sd = 1.0 / math.sqrt(d)
         for c in range(k):
             g = lag * f[c]
@@ -447,39 +405,28 @@ def block_loglik(residual_means: ArrayLike, counts: ArrayLike, sigma: float, rho
     return -0.5 * (value + m.size * math.log(2 * math.pi))
 
 
-class BlockWhitener:
-    """The covariance L L^T of block means of AR(1) noise, factored once: whitens any number of columns.
-
-    What is linear, offset and gain, is integrated out in these coordinates. Raises ValueError for sigma <= 0,
-    |rho| >= 1 or white_variance < 0.
-    """
-
-    def __init__(self, counts: ArrayLike, sigma: float, rho: float = 0.0, gaps: ArrayLike | None = None,
-                 white_variance: ArrayLike = 0.0) -> None:
-        """counts, gaps: of the blocks (n,), see `Blocks`; white_variance: see `block_loglik`."""
-        _check_noise(sigma, rho)
-        if not np.all(np.asarray(white_variance) >= 0):
-            raise ValueError(f"white_variance must be >= 0, got {white_variance!r}")
-        m = np.ascontiguousarray(counts, dtype=np.int64)
-        self._factor = np.empty((m.size, 5))
-        terms = _terms(m, sigma, rho, white_variance)
-        #: log det of the covariance
-        self.logdet = float(_factor(_gaps(gaps, m.size), float(sigma), float(rho), terms, self._factor))
-
-    def __call__(self, columns: ArrayLike) -> Array:
-        """Whitened columns L^-1 x, shape (n,) or (k, n) as those given (residuals, simulation, ones, Jacobian)."""
-        x = np.asarray(columns, dtype=np.float64)
-        flat = np.ascontiguousarray(x.reshape(-1, x.shape[-1]))
-        out = np.empty_like(flat)
-        _substitute(flat, self._factor, out)
-        return out.reshape(x.shape)
-
-
 def block_whiten(columns: ArrayLike, counts: ArrayLike, sigma: float, rho: float = 0.0,
                  gaps: ArrayLike | None = None, white_variance: ArrayLike = 0.0) -> tuple[Array, float]:
-    """Whitened columns (n,) or (k, n) and log det of the covariance of the block means; see `BlockWhitener`."""
-    white = BlockWhitener(counts, sigma, rho, gaps, white_variance)
-    return white(columns), white.logdet
+    """Whitened columns L^-1 x and log det of the covariance L L^T of the block means.
+
+    columns: shape (n,) or (k, n), each a column of block means (residuals, simulation, ones, Jacobian):
+    what is linear, offset and gain, is integrated out in these coordinates. Returns the same shape. white_variance: see
+    `block_loglik`.
+
+    Raises
+    ------
+    ValueError : sigma <= 0, |rho| >= 1 or white_variance < 0.
+    """
+    _check_noise(sigma, rho)
+    if not np.all(np.asarray(white_variance) >= 0):
+        raise ValueError(f"white_variance must be >= 0, got {white_variance!r}")
+    x = np.asarray(columns, dtype=np.float64)
+    flat = np.ascontiguousarray(x.reshape(-1, x.shape[-1]))
+    m = np.ascontiguousarray(counts, dtype=np.int64)
+    out = np.empty_like(flat)
+    terms = _terms(m, sigma, rho, white_variance)
+    logdet = _whiten_terms(flat, _gaps(gaps, m.size), float(sigma), float(rho), terms, out)
+    return out.reshape(x.shape), float(logdet)
 
 
 def _gaps(gaps: ArrayLike | None, n: int) -> NDArray[np.int64]:

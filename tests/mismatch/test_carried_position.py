@@ -16,7 +16,7 @@ from bayes_dea.mismatch.whitening import Noise, whiten_columns
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
 from bayes_dea.models.simulate_plant import simulate_plates
-from bayes_dea.noise.blocks import BlockWhitener, block_means
+from bayes_dea.noise.blocks import block_means
 
 ACTUATOR = Actuator(**asdict(Geometry()))
 SCATTER = 5e-7
@@ -62,9 +62,6 @@ class Piece:
             gap = np.ones(carried.shape[1], dtype=np.int64)
 
         self.blocks = Blocks
-
-    def whitener(self, sigma, rho):
-        return BlockWhitener(self.blocks.count, sigma, rho, self.blocks.gap, self.white_variance)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])

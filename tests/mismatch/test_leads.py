@@ -9,12 +9,13 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.laws import VARIANTS
 from bayes_dea.mismatch.phase import delay_of, phase_odds, share_below
 from bayes_dea.models.model import build_model
 from bayes_dea.models.supply_kernel import delayed
-from bayes_dea.priors import Prior, parse_override
+from bayes_dea.priors import parse_override
 
-LEAD = Prior("uniform", -0.02, 0.0)
+LEAD = VARIANTS["acquisition_delay"]["T_d_s"]
 
 
 def led(campaign, lead_s):

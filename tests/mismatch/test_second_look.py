@@ -81,6 +81,7 @@ def test_the_same_effect_by_another_law_replaces_the_first_where_it_explains_all
     assert not second_look.overrules(first, {**second, "adequate": False})
     # a prior that only says where a parameter may lie is no other law
     assert not second_look.overrules(first, {**first, "corrected_priors": {"T_d_s": "loguniform(5e-07, 0.05)"}})
+    assert second_look.overrules(first, {**first, "corrected_priors": {"T_d_s": "uniform(-0.02, 0)"}})
     note = second_look.overruled_note(first, second, 1e-5, ("a.csv",))
     assert "holds by another law only (friction_elements = fixed(12) instead of the usual one)" in note
 
