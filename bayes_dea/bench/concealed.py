@@ -35,6 +35,10 @@ FRICTION, ELEMENTS = "rate_independent_hysteresis", (8, 128)
 #: share of the campaigns whose waves begin after little rest, and that rest in s; and of those with a press in which
 #: sizes are those of the voltage recordings: a law may do far more in a press, which goes through five times the strain
 HASTY, RESTS_S, FREE_OF_PRESS = 0.3, (0.005, 0.2), 0.5
+#: share of the campaigns whose displacement is read beside its command, in parts of a sample either way: timing, and no
+#: physics; not where something was left out that is told from it by its shape alone
+SAMPLING_HZ, BESIDE, BESIDE_SAMPLES = 1000.0, 0.3, 1.0
+LIKE_TIMING = ("acquisition_delay", "sensor_lag", "supply_slew_rate")
 _BRANCHES = {2: 0.1, 3: 0.8, 4: 0.1}
 _TRIES = 12
 
@@ -83,7 +87,8 @@ class Case:
             "parameters": self.parameters,
             "noise": {"sigma_m": laser.noise_scale * self.plan.sensors.displacement.fluctuation,
                       "correlation": laser.noise_correlation, "dropout_probability": laser.dropout_probability,
-                      "mains_m": laser.mains_amplitude, "gaps": laser.gaps},
+                      "mains_m": laser.mains_amplitude, "gaps": laser.gaps,
+                      "late_s": self.plan.faults.displacement_late_s},
             "sizes": {n: {"steps": s.steps, "nats": s.nats, "rms": dict(s.rms)} for n, s in self.sizes.items()},
         }
 
@@ -148,7 +153,7 @@ def _recordings(rng: np.random.Generator) -> tuple[RecordingPlan, ...]:
     for i, voltage in enumerate(voltages):
         protocol = Creep(float(voltage), float(10 * rng.integers(6, 31)), conditioning, on, on)
         out.append(RecordingPlan(f"creep_{voltage:04d}V.csv", protocol, "identify" if i in fitted else "validate",
-                                 1000.0, zeroed=zeroed))
+                                 SAMPLING_HZ, zeroed=zeroed))
     usual = rng.random() < 0.6
     waves: list[tuple[str, float]] = []
     for shape in WAVE_SHAPES:
@@ -159,7 +164,8 @@ def _recordings(rng: np.random.Generator) -> tuple[RecordingPlan, ...]:
     fitted = set(rng.permutation(9)[:int(rng.integers(3, 7))].tolist())
     for i, (shape, frequency) in enumerate(waves):
         wave = Wave(shape, frequency, cycles=float(max(3, round(5 * frequency))))
-        out.append(RecordingPlan(f"{shape}_{frequency:g}Hz.csv", wave, "identify" if i in fitted else "validate"))
+        out.append(RecordingPlan(f"{shape}_{frequency:g}Hz.csv", wave, "identify" if i in fitted else "validate",
+                                 SAMPLING_HZ))
     if rng.random() < 0.3:
         strain = float(np.round(rng.uniform(0.08, 0.2), 3))
         press = Compression(strain, speed_m_per_s=_log(rng, 5e-5, 2e-4), cycles=int(rng.integers(2, 4)))
@@ -180,6 +186,12 @@ def _hasty(recordings: tuple[RecordingPlan, ...], rng: np.random.Generator) -> t
         if isinstance(r.protocol, Wave) else r
         for r in recordings
     )  # fmt: skip
+
+
+def _late_s(rng: np.random.Generator, names: list[str]) -> float:
+    """How late the displacement stands beside the command (s); below zero where it is early."""
+    late = float(rng.uniform(-BESIDE_SAMPLES, BESIDE_SAMPLES)) / SAMPLING_HZ
+    return late if rng.random() < BESIDE and not set(names) & set(LIKE_TIMING) else 0.0
 
 
 def _plan(seed: int) -> CampaignPlan:
@@ -275,14 +287,16 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
     """The concealed case of `seed`; the same seed and kind give the same case.
 
     `kind`: None (drawn by `SHARES`), "none", "single", "pair", "unknown", one or more names of CONTRACT 3 joined by
-    +, or "unknown:NAME". Actuator, recordings, roles and noise depend on the seed alone. Raises InputError for an
-    unknown kind.
+    +, or "unknown:NAME". Actuator, recordings, roles and noise depend on the seed alone; readings stand at their
+    command where something was left out that is told from timing by its shape alone. Raises InputError for an unknown
+    kind.
     """
     if seed < 0:
         raise InputError(f"concealed case: seed is {seed}; give zero or a positive number")
     rng = _rng(seed, 2)
     plan = _plan(seed)
     group, names = _names(rng, kind)
+    late_s = _late_s(_rng(seed, 8), names)
     effects: dict[str, dict[str, float]] = {}
     sizes: dict[str, Size] = {}
     if names:
@@ -304,7 +318,7 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
         if "series_resistance" in effects and "leakage" in effects:
             effects["leakage"]["R_s_ohm"] = effects["series_resistance"]["R_s_ohm"]
         sizes["all"] = probe.size(effects) if len(names) > 1 else sizes[names[0]]
-    plan = replace(plan, effects=effects)
+    plan = replace(plan, effects=effects, faults=replace(plan.faults, displacement_late_s=late_s))
     return Case(seed, truth_name(effects), f"hooke+gm{len(plan.material.k_Pa)}", plan.effects, plan, sizes)
 
 

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 ZERO_READINGS = 10
 #: largest gain error: where the signals are small, accuracy / signal would be a number that no gain can have
 LARGEST_GAIN = 0.1
+#: longest time in s by which readings stand beside their command
+LATEST_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -72,12 +74,22 @@ class ChannelFaults:
 
 @dataclass(frozen=True)
 class Faults:
-    """Faults of every channel and of the recorder's clock (part of a step by which stamps scatter)."""
+    """Faults of every channel and of the recorder's clock.
+
+    `clock_unevenness`: part of a step by which stamps scatter. `displacement_late_s`: by how long the displacement
+    stands behind the command in its row; negative where it was read before that.
+    """
 
     displacement: ChannelFaults = field(default_factory=ChannelFaults)
     force: ChannelFaults = field(default_factory=ChannelFaults)
     position: ChannelFaults = field(default_factory=ChannelFaults)
     clock_unevenness: float = 0.0
+    displacement_late_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.displacement_late_s) < LATEST_S:
+            raise InputError(f"faults of the bench: displacement_late_s is {self.displacement_late_s}; give a number "
+                             f"between -{LATEST_S} and {LATEST_S}")
 
 
 @dataclass(frozen=True)

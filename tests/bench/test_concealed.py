@@ -10,7 +10,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_dea.bench.concealed import SHARES, _names, _plan, case_campaign, case_table, draw_case, write_case
+from bayes_dea.bench.concealed import (
+    LIKE_TIMING,
+    SHARES,
+    _late_s,
+    _names,
+    _plan,
+    case_campaign,
+    case_table,
+    draw_case,
+    write_case,
+)
 from bayes_dea.bench.effects import DISTURBANCES, EFFECTS
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Creep, Wave
@@ -75,6 +85,18 @@ def test_plans_are_as_asked_for() -> None:
     assert abs(np.mean(scales)) < 0.15
     assert set(branches) == {2, 3, 4}
     assert 0.7 < branches[3] / 300 < 0.9
+
+
+def test_some_readings_stand_beside_their_command() -> None:
+    rng = np.random.default_rng(2)
+    late = np.array([_late_s(rng, ["leakage"]) for _ in range(2000)])
+    assert 0.25 < np.mean(late != 0.0) < 0.35
+    assert -1e-3 <= late.min() < -0.9e-3
+    assert 0.9e-3 < late.max() <= 1e-3
+    assert not any(_late_s(rng, ["leakage", name]) for name in LIKE_TIMING for _ in range(20))
+    case = next(c for c in (draw_case(seed, "none") for seed in range(20)) if c.plan.faults.displacement_late_s)
+    assert case.verdict == "none"
+    assert case.truth_table()["noise"]["late_s"] == case.plan.faults.displacement_late_s
 
 
 def test_names_are_balanced() -> None:

@@ -1,17 +1,23 @@
 """Statistics of what the sensors add."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_dea.bench.nuisance import (
     ZERO_READINGS,
     ChannelFaults,
+    Faults,
     SensorSheet,
     correlated_noise,
     draw_gain,
     quantise,
     record,
 )
+from bayes_dea.bench.plan import CampaignPlan, RecordingPlan, Sensors
+from bayes_dea.bench.protocols import Wave
+from bayes_dea.bench.simulate import simulate
 from bayes_dea.errors import InputError
 
 LASER = SensorSheet(4.7e-6, 19.4e-6, 0.15e-6)
@@ -82,3 +88,18 @@ def test_mains_dropouts_and_gaps_are_there_and_counted() -> None:
 def test_impossible_faults_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         ChannelFaults(**wrong)
+
+
+@pytest.mark.parametrize("late_s", [0.4e-3, -0.4e-3])
+def test_readings_beside_their_command_are_those_of_another_moment(late_s: float) -> None:
+    sheet = SensorSheet(1e-9, 0.0, 0.0)
+    plan = CampaignPlan("p", (RecordingPlan("sine.csv", Wave("sine", 2.0, cycles=4.0)),),
+                        sensors=Sensors(displacement=sheet))
+    true, beside = (next(iter(simulate(replace(plan, faults=Faults(displacement_late_s=s)), 1))).columns
+                    for s in (0.0, late_s))
+    t, y = true["time_s"], true["displacement_m"]
+    np.testing.assert_array_equal(true["voltage_V"], beside["voltage_V"])
+    np.testing.assert_allclose(beside["displacement_m"], np.interp(t - late_s, t, y), atol=2e-8)
+    assert np.ptp(beside["displacement_m"] - y) > 1e-6
+    with pytest.raises(InputError, match="displacement_late_s"):
+        Faults(displacement_late_s=float("nan"))
