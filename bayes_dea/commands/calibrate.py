@@ -84,7 +84,7 @@ def calibrate(
                                                      checkpoint_seconds=checkpoint_seconds))
         with writing(out):
             checkpoint = checkpoint_for(out, {"model": structure.name, "seed": seed, "walkers": walkers,
-                                              "priors": {p.name: str(p.prior) for p in structure.parameters},
+                                              "priors": {p.name: repr(p.prior) for p in structure.parameters},
                                               "inputs": [i["sha256"] for i in loaded.inputs]})
             begin(checkpoint, resume, anew)
             with warnings.catch_warnings():

@@ -74,7 +74,7 @@ def diagnose(
         with writing(out):
             settings = DiagnosisSettings(workers=threads(workers))
             identity = {"verb": "diagnose", "model": structure.name, "seed": seed,
-                        "priors": {p.name: str(p.prior) for p in structure.parameters},
+                        "priors": {p.name: repr(p.prior) for p in structure.parameters},
                         "given": {name: str(value) for name, value in given.items()},
                         "inputs": [i["sha256"] for i in loaded.inputs]}
             checkpoint = checkpoint_for(out, identity).with_suffix(".jsonl")

@@ -181,7 +181,7 @@ def identity(model: Model, campaign: Campaign, seed: int, s: ComparisonSettings)
         "verb": "compare",
         "model": model.name,
         "seed": seed,
-        "priors": {p.name: str(p.prior) for p in model.parameters},
+        "priors": {p.name: repr(p.prior) for p in model.parameters},
         "recordings": [[r.name, r.role] for r in campaign.recordings],
         "inputs": [i["sha256"] for i in campaign.inputs],
         "settings": [repr(s.integral), repr(s.simulated)],

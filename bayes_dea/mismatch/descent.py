@@ -97,10 +97,14 @@ def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
 
 
 def bounds(problem: Problem) -> tuple[Array, Array]:
-    """Lower and upper bounds (d,) of the coordinates; infinite where the prior has none."""
+    """Lower and upper bounds (d,) of the coordinates; infinite where the prior has none.
+
+    What a prior allows of a modulus bounds no coordinate where modes take its place: there the density alone does.
+    """
     low, high = np.full(problem.dimension, -np.inf), np.full(problem.dimension, np.inf)
-    for i, p in enumerate(problem.model.priors.free):
-        if p.prior.family in ("uniform", "loguniform"):
+    model = problem.model
+    for i, (name, p) in enumerate(zip(model.coordinate_names, model.priors.free, strict=True)):
+        if p.prior.family in ("uniform", "loguniform") and name in (p.name, f"log {p.name}"):
             a, b = (math.log(p.prior.a), math.log(p.prior.b)) if p.prior.is_log else (p.prior.a, p.prior.b)
             low[i], high[i] = a, b
     return low, high

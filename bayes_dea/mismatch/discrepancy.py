@@ -37,7 +37,8 @@ def basis(fit: Fit, looks: list[Features] | None = None) -> list[Array]:
     pieces = fit.problem.pieces
     looks = looks or [features(p) for p in pieces]
     voltage = [i for i, p in enumerate(pieces) if p.channel == "displacement"]
-    top = max((float(np.max(np.abs(looks[i].level))) for i in voltage), default=1.0)
+    # at rest, and without a voltage, there is nothing to be a part of
+    top = max((float(np.max(looks[i].level)) for i in voltage), default=0.0) or 1.0
     shared: list[dict[str, Array]] = []
     for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
         columns: dict[str, Array] = {}

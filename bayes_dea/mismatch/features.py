@@ -24,7 +24,7 @@ class Features:
     """Features of the blocks of a piece, each (nb,)."""
 
     time_s: Array
-    level: Array  # mean input over the block: V, or m of position
+    level: Array  # mean input over the block: V without its sign, which no actuator feels, or m of position
     speed: Array  # mean rate of the input in units of its range a second
     since_edge_s: Array  # inf before the first edge
     jump: Array  # input after the last edge minus before it; 0 before the first
@@ -37,10 +37,11 @@ class Features:
 def features(piece: Piece) -> Features:
     """Features of a piece's blocks."""
     r = piece.recording
-    u = filled_input(r.columns["voltage_V" if r.is_voltage else "position_m"])
+    raw = filled_input(r.columns["voltage_V" if r.is_voltage else "position_m"])
+    edges = find_edges(raw)
+    u = np.abs(raw) if r.is_voltage else raw
     t, b = r.time_s, piece.blocks
     masked = ~piece.prepared.observed
-    edges = find_edges(u)
     moving = np.gradient(u, t) / max(float(np.ptp(u)), 1e-300)
     last = np.searchsorted(edges, b.start, side="right") - 1
     since = np.full(b.n, np.inf)
@@ -90,6 +91,6 @@ def excitation(t: Array, u: Array) -> tuple[float, float, float]:
     period = float(np.median(periods))
     if np.median(np.abs(periods - period)) > 0.05 * period:
         return 0.0, 0.0, 0.0
-    moves = np.flatnonzero(np.abs(np.diff(u)) > 1e-6 * (high - low))
+    moves = np.flatnonzero(np.diff(u))
     begin, end = float(t[max(moves[0] - 1, 0)]), float(t[min(moves[-1] + 1, t.size - 1)])
     return 1.0 / period, begin, end

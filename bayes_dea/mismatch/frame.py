@@ -25,9 +25,10 @@ Array = NDArray[np.float64]
 class Frame:
     """A fit's sensitivities, whitened once, so that another prediction costs one column."""
 
-    def __init__(self, fit: Fit, far: bool = False) -> None:
-        """far: what is tried from here changes the sensitivities, so that none is carried over."""
-        self.fit, self.far = fit, far
+    def __init__(self, fit: Fit, far: bool = False, kind: str = "") -> None:
+        """far: what is tried from here changes the sensitivities, so that none is carried over; kind: which fit it is,
+        for grids to be carried over to one of the same kind."""
+        self.fit, self.far, self.kind = fit, far, kind
         self.nearby = Nearby(fit)
         #: by piece: nuisance (m, nb), its covariance (m, m), and the sensitivities (d, nb) less what it takes from them
         self._eliminated: list[tuple[Array, Array, Array]] = []

@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 from ..models.model import Model
 from .frame import Frame, insert, own_index
 from .leak_starts import highest_field, leak_points
+from .refit import Fit
 from .resonance import look_for_resonances
 from .superposed import Superposed
 
@@ -151,17 +152,20 @@ def screen(
     added = [name for name in model.spec.effects if name not in base.problem.model.spec.effects]
     scored: list[Scored] = []
     main: list[float] = []
+    weighed = 0  # points that the average is over: what has no answer there has no likelihood
     for frame in frames:
         own_fit = frame.fit
         before = float(own_fit.problem.model.log_prior(own_fit.q[None, :d])[0])
         weighing = grid_points(model, index, own_fit.values(), sparse)
         here: list[Scored] = []
 
+        def prior_of(own: Array, fit: Fit = own_fit, before: float = before) -> float:
+            return float(model.log_prior(insert(fit, model, own)[None, : model.dimension])[0]) - before
+
         def score(
-            own: Array, frame: Frame = frame, before: float = before, here: list[Scored] = here
+            own: Array, frame: Frame = frame, here: list[Scored] = here, prior_of: Callable[[Array], float] = prior_of
         ) -> Scored | None:
-            q = insert(frame.fit, model, own)
-            own_prior = float(model.log_prior(q[None, : model.dimension])[0]) - before
+            q, own_prior = insert(frame.fit, model, own), prior_of(own)
             if not np.isfinite(own_prior):
                 return None
             found = frame.tried(problem, q, added)
@@ -178,8 +182,9 @@ def screen(
             finding += leak_points(model, index, field, sparse, series_ohm)
         for k, own in enumerate([*weighing, *finding]):
             point = score(own)
-            if point is not None and frame is frames[0] and k < len(weighing):
-                main.append(-point.likelihood)
+            if frame is frames[0] and k < len(weighing):
+                weighed += bool(np.isfinite(prior_of(own)))
+                main += [-point.likelihood] if point is not None else []
         if index.size == 1 and model.priors.free[index[0]].prior.family == "uniform":
             just_reached(here, frame.value(frame.fit.clean)[0], score)
         elif index.size == 1:
@@ -195,7 +200,7 @@ def screen(
     base_value = frames[0].value(base.clean)[0]
     # Laplace of the base beside each point; the noise's share is the base's
     constant = base.log_evidence + base_value
-    grid = float(logsumexp(main) - math.log(len(main))) + constant if main else -math.inf
+    grid = float(logsumexp(main) - math.log(weighed)) + constant if main else -math.inf
     return Screened(effects, model, tuple(scored), grid, base_value, tuple(frames))
 
 
@@ -326,7 +331,7 @@ def narrow_peak(
 
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:
     """A grid carried over to the same frames on recordings that lost a few readings; None where the frames differ."""
-    if len(known.frames) != len(frames):
+    if [frame.kind for frame in known.frames] != [frame.kind for frame in frames]:
         return None
     new = {id(old): frame for old, frame in zip(known.frames, frames, strict=True)}
     points = tuple(replace(p, frame=new[id(p.frame)]) for p in known.points)

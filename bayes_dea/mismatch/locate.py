@@ -143,15 +143,24 @@ class Scan:
 
 @dataclass(frozen=True)
 class Places:
-    """Where recordings are looked at: windows as unit rows of a matrix. They depend on the recordings, on no fit."""
+    """Where recordings are looked at: windows as unit rows of a matrix. They depend on the recordings, on no fit.
+
+    seed: of the noise that residuals are held against, the same for all fits; near a threshold two judgements of one
+    fit would differ by it otherwise.
+    """
 
     rows: csr_matrix = field(repr=False)  # (windows, n), see `Residuals`
     windows: tuple[Window, ...] = field(repr=False)
+    seed: int
 
     @cached_property
     def across(self) -> NDArray[np.int64]:
         """Indices of the windows over several recordings."""
         return np.flatnonzero([w.piece < 0 for w in self.windows])
+
+    def only(self, chosen: Sequence[int]) -> Places:
+        """Some of the windows."""
+        return replace(self, rows=self.rows[chosen], windows=tuple(self.windows[k] for k in chosen))
 
     def sd(self, res: Residuals) -> Array:
         """(windows,) sds of the windows under the null: what is left of them after the projection."""
@@ -168,30 +177,35 @@ class Places:
         return np.sqrt(np.maximum(1.0 - taken, 0.0))
 
 
-def places_of(pieces: Sequence[Piece], looks: Sequence[Features] | None = None) -> Places:
-    """The windows of recordings."""
+def places_of(
+    pieces: Sequence[Piece], rng: np.random.Generator, looks: Sequence[Features] | None = None
+) -> Places:
+    """The windows of recordings; rng: draws the seed of their noise."""
     rows = _windows(pieces, looks or [features(p) for p in pieces])
-    return Places(rows.matrix(), tuple(rows.windows))
+    return Places(rows.matrix(), tuple(rows.windows), int(rng.integers(2**63)))
 
 
 def scan(fit: Fit, rng: np.random.Generator, places: Places | None = None, draws: int = _DRAWS) -> Scan:
-    """Search a fit's residuals for a mismatch. places: those of its recordings, where they are known already."""
-    places, res = places or places_of(fit.problem.pieces), residuals(fit)
+    """Search a fit's residuals for a mismatch.
+
+    places: those of its recordings, where they are known already; rng: for a seed of their noise where not.
+    """
+    places, res = places or places_of(fit.problem.pieces, rng), residuals(fit)
     sd = places.sd(res)
-    found = _scan(res, rng, places, draws, sd)
+    found = _scan(res, places, draws, sd)
     return replace(found, steps=_steps(fit, res, places, sd, found))
 
 
 def is_adequate(fit: Fit, rng: np.random.Generator, places: Places | None = None) -> bool:
     """Whether a scan of a fit finds nothing significant. Where a few windows say no beyond doubt none is drawn."""
-    places = places or places_of(fit.problem.pieces)
+    places = places or places_of(fit.problem.pieces, rng)
     res = residuals(fit)
     size = np.abs(places.rows @ res.e)  # in units of at least their sd
     # Bonferroni: so far beyond what so many windows reach by chance no draws are needed
     far = [k for k in np.argsort(size)[-_HIGHEST:] if size.size * math.erfc(size[k] / math.sqrt(2.0)) < _BEYOND_DOUBT]
-    if far and np.any(Places(places.rows[far], tuple(places.windows[k] for k in far)).sd(res) > _ABSORBED):
+    if far and np.any(places.only(far).sd(res) > _ABSORBED):
         return False
-    return _scan(res, rng, places, _DRAWS, places.sd(res)).p_value > ADEQUATE
+    return _scan(res, places, _DRAWS, places.sd(res)).p_value > ADEQUATE
 
 
 def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> float:
@@ -216,7 +230,8 @@ def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> 
     return float(np.max(np.abs(found.z[beyond]) / np.maximum(sd[beyond], _ABSORBED) * peak))
 
 
-def _scan(res: Residuals, rng: np.random.Generator, places: Places, draws: int, sd: Array) -> Scan:
+def _scan(res: Residuals, places: Places, draws: int, sd: Array) -> Scan:
+    rng = np.random.default_rng(places.seed)
     use = sd > _ABSORBED
     scale = np.where(use, 1.0 / np.maximum(sd, _ABSORBED), 0.0)
     z = (places.rows @ res.e) * scale
@@ -298,8 +313,8 @@ def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
     way_bins: dict[str, list[NDArray[np.int64]]] = {}
     top = max(
         (float(np.max(f.level)) for p, f in zip(pieces, looks, strict=True) if p.channel == "displacement"),
-        default=1.0,
-    )
+        default=0.0,
+    ) or 1.0
     for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
         begin, nb = int(start[i]), piece.blocks.n
         t = f.time_s

@@ -148,7 +148,7 @@ def name_physics(
     to be made clean first, and None is returned.
     """
     say = report or (lambda *_: None)
-    columns, places = basis(base, looks), places_of(base.problem.pieces, looks)
+    columns, places = basis(base, looks), places_of(base.problem.pieces, rng, looks)
     model = base.problem.model
     say("finding starts", 0, 3, "slow waves and plateaus")
     frames = frames_of(base, looks, prior)
@@ -162,7 +162,7 @@ def name_physics(
         level = typical(base)
         level[model.dimension + base.problem.zero_mean.size :] = 0.0
         low = low_start(base, prior, [level])
-    limited = [] if low is None else [Frame(replace(low, noise=prior.start()), far=True)]
+    limited = [] if low is None else [Frame(replace(low, noise=prior.start()), far=True, kind="low")]
     found = on_grids([*frames, *limited], len(frames), model, names, given, say, memory)
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
 

@@ -43,7 +43,7 @@ def picture_data(result: Diagnosis) -> dict[str, Array]:
 
 def _edge_map(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:
     voltage = [i for i, p in enumerate(result.base.problem.pieces) if p.channel == "displacement"]
-    top = max((float(np.max(result.looks[i].level)) for i in voltage), default=1.0)
+    top = max((float(np.max(result.looks[i].level)) for i in voltage), default=0.0) or 1.0
     levels = np.linspace(0.0, top, _LEVELS + 1)
     borders = np.concatenate([SINCE_EDGE[:-1], [300.0]])
     total = np.zeros((2, _LEVELS, SINCE_EDGE.size - 1))

@@ -119,9 +119,11 @@ class Problem:
     @cached_property
     def key(self) -> str:
         """Digest of what its predictions and their weights depend on, the noise apart."""
-        model = [(p.name, str(p.prior)) for p in self.model.parameters]
+        # repr: the words that a prior is told in round its numbers
+        model = [(p.name, repr(p.prior)) for p in self.model.parameters]
         shared = None if self.shared is None else (self.shared.key, self.amplitude_m)
-        return digest(self.model.name, model, [p.key for p in self.pieces], self.zero_sd, self.gain_sd, shared)
+        beside = self.zero_mean, self.zero_sd, self.gain_sd
+        return digest(self.model.name, model, [p.key for p in self.pieces], *beside, shared)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

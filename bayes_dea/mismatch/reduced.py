@@ -73,9 +73,15 @@ class Piece:
 
     @cached_property
     def key(self) -> str:
-        """Digest of what is compared: readings, blocks, masks, and how the command is read."""
-        zero = None if self.nodes is None else self.nodes.zero_m
-        return digest(self.name, self.recording.hold, self.y, self.blocks.count, self.blocks.gap, self.nuisance, zero)
+        """Digest of what is compared, and of everything that its predictions come from."""
+        b = self.blocks
+        noise = [self.nuisance, self.nuisance_sd, self.carried, np.asarray(self.white_variance)]
+        compared = [self.y, b.start, b.count, b.gap, np.packbits(self.prepared.observed), *noise]
+        inputs: list[object] = [self.recording.actuator, self.recording.hold, self.zero, self.contact]
+        for nodes in (self.nodes, self.past):
+            inputs += [None] if nodes is None else [nodes.row, *nodes.inputs]
+        inputs += [None] if self.path is None else [self.path.time_s, self.path.position_m]
+        return digest(self.name, self.channel, self.group, self.rate, compared, inputs)
 
     @property
     def recording(self) -> Recording:

@@ -99,7 +99,7 @@ def refit(
     key = ""
     if journal.kept:
         about = [None if k is None else k.key for k in (kept, known)]
-        key = digest("refit", problem.key, q0, noise.key, max_steps, tolerance, fit_noise, about, coarse)
+        key = digest("refit", problem.key, q0, noise.key, prior, max_steps, tolerance, fit_noise, about, coarse)
         if key in journal:
             return _recalled(problem, journal[key], prior, margin, low, high)
     start = np.clip(q0, low, high)

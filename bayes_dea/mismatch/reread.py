@@ -101,7 +101,7 @@ def odd_one_out(
         near = _near(fit, rest, i, prior)
         if near is None or not _another(*_ratio(near, pieces[i]), _NEARLY):
             continue
-        others = refit(rest, near.q, prior.start(), prior, max_steps=12, coarse=True, known=near.linearisation)
+        others = refit(rest, near.q, prior.start(), prior, max_steps=12, coarse=True)
         if others is None or _chi2(others) > 1.5 or not is_adequate(others, rng):
             continue
         ratio, se = _ratio(others, pieces[i])
@@ -123,7 +123,7 @@ def _another(ratio: float, se: float, share: float = 1.0) -> bool:
 
 
 def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
-    """About the fit of the other recordings, a few steps from one of all.
+    """About the fit of the other recordings, a few steps from one of all; its slopes are not known.
 
     None where that leaves more than noise, however large that has grown.
     """
@@ -136,7 +136,8 @@ def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | No
     left = 0.5 * (float(rest.sums(end.q, fit.noise, end.clean, [])[0][0, 0]) - n)
     if left > _TOO_MUCH * math.sqrt(0.5 * n):
         return None
-    return replace(fit, problem=rest, q=end.q, clean=end.clean, slopes=end.slopes)
+    # slopes at its end may have been carried there
+    return replace(fit, problem=rest, q=end.q, clean=end.clean, slopes=[])
 
 
 def _expected_chi2(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> float:

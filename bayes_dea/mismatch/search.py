@@ -80,9 +80,13 @@ def typical(base: Fit) -> Array:
 
 def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
     """Where the base may be moved along from: its maximum, and its fits to what is slow and to what a voltage drove."""
-    others = slow_start(base, looks, prior, [typical(base)]), driven_start(base, prior, [typical(base)])
+    starts = {
+        "": base,
+        "slow": slow_start(base, looks, prior, [typical(base)]),
+        "driven": driven_start(base, prior, [typical(base)]),
+    }
     quiet = prior.start()  # the noise of a wrong model has grown
-    return [Frame(replace(f, noise=quiet)) for f in (base, *others) if f is not None]
+    return [Frame(replace(f, noise=quiet), kind=kind) for kind, f in starts.items() if f is not None]
 
 
 def on_grids(

@@ -64,8 +64,6 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
             settled &= ~np.isfinite(f.phase)
         if settled.sum() >= 12:
             pieces.append(subset(piece, settled))
-    if not pieces:
-        return None
     return _partial(base, pieces, prior, starts)
 
 
@@ -83,6 +81,8 @@ def driven_start(base: Fit, prior: NoisePrior, starts: list[np.ndarray]) -> Fit 
 def _partial(
     base: Fit, pieces: list[Piece], prior: NoisePrior, starts: list[np.ndarray], worth: float = _WORTH
 ) -> Fit | None:
+    if not pieces:
+        return None
     problem = replace(base.problem, pieces=tuple(pieces))
     found = [refit(problem, q, base.noise, prior, fit_noise=False) for q in (base.q, *starts)]
     fits = [fit for fit in found if fit is not None]

@@ -86,6 +86,11 @@ class Nodes:
     def _rows(self) -> NDArray[np.int64]:
         return np.maximum(np.diff(self.row, prepend=self.row[:1]), 1)
 
+    @property
+    def inputs(self) -> tuple[object, ...]:
+        """All that predictions at them depend on, their places apart."""
+        return self.time_s, self.command(), self.temperature_C, self.hold, self.zero_m
+
     @cached_property
     def steps(self) -> Steps:
         """What drives the chain, by the command."""

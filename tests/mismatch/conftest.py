@@ -6,15 +6,16 @@ from concealed_campaigns import concealed
 
 @pytest.fixture(scope="session")
 def diagnosed():
-    """Diagnoses by effect, each made once."""
+    """Diagnoses by effect and its strength, each made once."""
     from bayes_dea.mismatch.diagnosis import diagnose
 
     done = {}
 
     def get(name, parameters, **keys):
-        if name not in done:
+        key = (name, *sorted(parameters.items()), *sorted(keys.items()))
+        if key not in done:
             effects = {} if name == "none" else {name: parameters}
-            done[name] = diagnose(concealed(effects, **keys), "hooke+gm3", seed=1)
-        return done[name]
+            done[key] = diagnose(concealed(effects, **keys), "hooke+gm3", seed=1)
+        return done[key]
 
     return get

@@ -3,10 +3,11 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.journal import Journal, digest
@@ -86,3 +87,41 @@ def test_resume_and_anew_exclude_each_other(tmp_path):
     done = subprocess.run([sys.executable, "-m", "bayes_dea", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "--resume and --anew: give one of them" in done.stderr
+
+
+def test_a_campaign_with_an_odd_recording_goes_on_to_the_same_numbers(tmp_path):
+    """Fits without it begin where a coarse descent ended: what that had carried along is not kept, nor is it used."""
+    campaign = concealed()
+    odd = replace(campaign, recordings=tuple(
+        replace(r, columns={**r.columns, "displacement_m": 1.1 * r.columns["displacement_m"]})
+        if r.name == "sine_10Hz.csv" else r for r in campaign.recordings))  # fmt: skip
+    file = tmp_path / "checkpoint.jsonl"
+    whole = diagnose(odd, "hooke+gm3", seed=1, checkpoint=file)
+    assert "sine_10Hz.csv" in " ".join(whole.summary["warnings"])
+    lines = file.read_bytes()
+    again = diagnose(odd, "hooke+gm3", seed=1, checkpoint=file)
+    assert numbers(again.summary) == numbers(whole.summary)
+    assert file.read_bytes() == lines
+
+
+@pytest.mark.parametrize("what", ["actuator", "commands", "zeros", "prior"])
+def test_another_campaign_recalls_nothing(what):
+    """Whatever predictions come from is part of the key under which a fit is kept, to the last digit."""
+    campaign = concealed(pressed=True)
+    problem, prior, q = problem_of(campaign)
+    model = problem.model
+    if what == "actuator":
+        thin = replace(campaign.recordings[0].actuator, layer_thickness_m=20e-6)
+        other = problem_of(replace(campaign, recordings=tuple(replace(r, actuator=thin) for r in campaign.recordings)))
+    elif what == "commands":
+        other = problem_of(replace(campaign, recordings=tuple(
+            replace(r, columns={**r.columns, "voltage_V": 0.8 * r.columns["voltage_V"]}) if r.is_voltage else r
+            for r in campaign.recordings)))  # fmt: skip
+    elif what == "zeros":
+        other = (replace(problem, zero_mean=problem.zero_mean + 1e-9), prior, q)
+    else:
+        narrow = [replace(p, prior=replace(p.prior, b=np.nextafter(p.prior.b, 9.0))) if p.name == "Y_Pa" else p
+                  for p in model.parameters]  # fmt: skip
+        other = (problem.with_model(replace(model, parameters=tuple(narrow))), prior, q)
+    assert other[0].key != problem.key
+    assert problem_of(campaign)[0].key == problem.key

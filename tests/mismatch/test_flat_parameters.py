@@ -21,7 +21,7 @@ MULLINS = {"mullins_share": 0.05, "mullins_m_Pa": 10.0, "mullins_b": 0.3}
 
 @pytest.fixture
 def softened(diagnosed):
-    return diagnosed("mullins_softening", MULLINS, seed=1)
+    return diagnosed("mullins_softening", MULLINS)
 
 
 def by_refits(fit, most=40.0):

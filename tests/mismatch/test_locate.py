@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.mismatch import locate
 from bayes_dea.mismatch.features import excitation, features
-from bayes_dea.mismatch.locate import FAMILY_WISE, Residuals, is_adequate, places_of, residuals, scan
+from bayes_dea.mismatch.locate import FAMILY_WISE, Residuals, _scan, is_adequate, places_of, residuals, scan
 from bayes_dea.mismatch.problem import Problem
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.noise.blocks import block_means
@@ -34,7 +35,7 @@ def test_false_alarms_come_at_the_stated_rate(base):
             drawn.append(replace(piece, y=(1 + fit.q[-1]) * x + noise))
         problem = replace(fit.problem, pieces=tuple(drawn))
         again = replace(fit, problem=problem)
-        p_values.append(scan(again, rng, places_of(pieces, looks), draws=120).p_value)
+        p_values.append(scan(again, rng, places_of(pieces, rng, looks), draws=120).p_value)
     p = np.array(p_values)
     assert (p < FAMILY_WISE).sum() <= 3
     assert abs((p < 0.5).sum() - 30) <= 3 * np.sqrt(15)
@@ -60,7 +61,8 @@ def test_an_error_of_one_resolution_step_over_a_wave_is_found(base):
     extra = np.where(inside, 1.2e-6 * np.sin(3 * 2 * np.pi * np.nan_to_num(looks[at].phase)), 0.0)
     pieces[at] = replace(pieces[at], y=pieces[at].y + extra)
     again = replace(fit, problem=replace(fit.problem, pieces=tuple(pieces)))
-    found = scan(again, np.random.default_rng(3), places_of(pieces, looks))
+    rng = np.random.default_rng(3)
+    found = scan(again, rng, places_of(pieces, rng, looks))
     assert found.detected
     best = found.windows[int(np.argmax(np.abs(found.z)))]
     assert best.piece == at
@@ -122,7 +124,7 @@ def test_concealed_campaign_is_what_it_says():
 def test_the_sds_of_windows_are_those_of_drawn_noise(base):
     """Windows over several recordings among them, where what is taken out adds up recording by recording."""
     fit = base.base
-    places, r = places_of(fit.problem.pieces, base.looks), residuals(fit)
+    places, r = places_of(fit.problem.pieces, np.random.default_rng(1), base.looks), residuals(fit)
     assert {w.piece < 0 for w in places.windows} == {True, False}
     drawn = places.rows @ r.project(np.random.default_rng(5).standard_normal((r.e.size, 4000)))
     sd = places.sd(r)
@@ -130,10 +132,10 @@ def test_the_sds_of_windows_are_those_of_drawn_noise(base):
     assert np.ptp(sd[places.across]) > 0.1
 
 
-def test_what_is_refuted_beyond_doubt_draws_nothing(base):
+def test_what_is_refuted_beyond_doubt_draws_nothing(base, monkeypatch):
     """And says what the scan says; where it is no matter of doubt what is left is drawn for."""
     fit, looks = base.base, base.looks
-    places = places_of(fit.problem.pieces, looks)
+    places = places_of(fit.problem.pieces, np.random.default_rng(3), looks)
     at = next(i for i, p in enumerate(fit.problem.pieces) if p.name == "sine_10Hz.csv")
     for size_m, refuted, drawn in ((0.0, False, True), (1.0e-6, True, True), (1.2e-6, True, False)):
         pieces = list(fit.problem.pieces)
@@ -141,8 +143,13 @@ def test_what_is_refuted_beyond_doubt_draws_nothing(base):
         wave = np.where(inside, size_m * np.sin(3 * 2 * np.pi * np.nan_to_num(looks[at].phase)), 0.0)
         pieces[at] = replace(pieces[at], y=pieces[at].y + wave)
         again = replace(fit, problem=replace(fit.problem, pieces=tuple(pieces)))
-        rng = np.random.default_rng(3)
-        before = rng.bit_generator.state
-        assert is_adequate(again, rng, places) is not refuted
-        assert (rng.bit_generator.state != before) is drawn
-        assert (scan(again, rng, places).p_value > 1e-3) is not refuted
+        rng = np.random.default_rng(4)
+        with monkeypatch.context() as m:
+            scans = []
+            m.setattr(locate, "_scan", lambda *of, scans=scans: scans.append(1) or _scan(*of))
+            assert is_adequate(again, rng, places) is not refuted
+            assert bool(scans) is drawn
+        found = scan(again, rng, places)
+        assert (found.p_value > 1e-3) is not refuted
+        # two judgements of one fit are one
+        assert scan(again, rng, places).p_value == found.p_value

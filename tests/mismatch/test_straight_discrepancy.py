@@ -13,7 +13,7 @@ from bayes_dea.mismatch.ridge import posterior
 
 @pytest.fixture
 def named(diagnosed):
-    return diagnosed("series_resistance", {"R_s_ohm": 150e3}, seed=1)
+    return diagnosed("series_resistance", {"R_s_ohm": 1.2e5})
 
 
 def test_a_straight_step_says_what_a_fit_with_the_discrepancy_does(named, monkeypatch):
