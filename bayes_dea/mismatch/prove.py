@@ -1,4 +1,9 @@
-"""The proof: recordings that no fit has seen, before and after the correction."""
+"""The proof: recordings that no fit has seen, before and after the correction.
+
+Where none is to validate, those to identify are left out in turn. A fit to the others begins where the one of all has
+ended, and what the others say nothing of would stay where the one left out has put it: such parameters are drawn from
+their priors anew, and count by what the others make of them. What the others do say is known with its covariance.
+"""
 
 from __future__ import annotations
 
@@ -7,19 +12,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import qmc
 
 from ..noise.blocks import block_means
-from .descent import Linearisation
+from .descent import Linearisation, reached
+from .frame import own_index
 from .noise_prior import NoisePrior
 from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit, refit
 from .telling import Tell, silence
+from .weigh import widths_of
 from .whitening import whiten
 
 Array = NDArray[np.float64]
 #: sd of a recording's gain around one where its readings may not say
 _GAIN_SD = 0.1
+#: width, in sds of its prior, from which on the other recordings say nothing of a parameter, and draws from that prior
+_UNTOLD, _PRIOR_DRAWS = 0.5, 32
 
 
 @dataclass(frozen=True)
@@ -79,9 +90,71 @@ def leave_out_in_turn(
             again = refit(
                 replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False, known=known
             )
-            fits.append(again or fit)
-        out += held_out(fits[0], fits[1], (piece,))
+            fits.append(again)
+        if fits[0] is None or fits[1] is None:  # without it there is no fit that could predict it
+            continue
+        before = _predictive(fits[0], piece, np.empty(0, dtype=np.int64))
+        after = _predictive(fits[1], piece, own_index(base, corrected.problem.model))
+        out.append(_compared(piece, before, after, fits[1]))
     return out
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    """residual (n,) of a recording under a fit, its own offset and gain taken out, and its log density."""
+
+    residual: Array
+    log_density: float
+
+
+def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
+    """A recording that `fit` has not seen, over what is known of the parameters without it. own: those of effects."""
+    opened_fit, opened = with_zeros(fit, (piece,))
+    problem, q = replace(opened_fit.problem, pieces=opened), opened_fit.q
+    untold = own[widths_of(fit, own) > _UNTOLD]
+    (clean,) = problem.clean(q)
+    d = problem.model.dimension
+    told = np.setdiff1d(np.arange(d), untold)
+    spread = np.empty((0, clean.size))
+    if np.isfinite(clean).all():
+        (slopes,) = problem.jacobian(q, [clean], [int(i) for i in told])
+        size, turn = np.linalg.eigh(fit.covariance[np.ix_(told, told)])
+        _, gains = problem.beside(q)
+        known = (turn * np.sqrt(np.maximum(size, 0.0))).T @ slopes[told]
+        spread = (1.0 + float(gains[piece.group])) * known
+    places, weights = _draws(fit, q, untold) if untold.size else ([q], np.zeros(1))
+    rows, densities, kept = [], [], []
+    for at, weight in zip(places, weights, strict=True):
+        (x,), (m,) = problem.rows(at), problem.clean(at)
+        if np.isfinite(x).all() and np.isfinite(m).all():
+            rows.append(x)
+            densities.append(weight + _log_density(opened_fit, piece, m, spread))
+            kept.append(weight)
+    if not np.isfinite(kept).any():
+        return _Predicted(np.full(piece.prepared.y.shape, np.nan), -math.inf)
+    shares = np.exp(np.array(kept) - logsumexp(kept))
+    residual = own_offset_and_gain(piece, np.asarray(shares @ np.array(rows)))
+    # a draw without an answer there has no density
+    return _Predicted(residual, float(logsumexp(densities) - logsumexp(weights)))
+
+
+def _draws(fit: Fit, q: Array, untold: NDArray[np.int64]) -> tuple[list[Array], Array]:
+    """Coordinates with parameters that a fit knows nothing of drawn from their priors, and the log weights (k,) that
+    the recordings of the fit give them."""
+    values = fit.values()
+    shares = qmc.Halton(untold.size, scramble=False).random(_PRIOR_DRAWS + 1)[1:]
+    places, weights = [], []
+    for share in shares:
+        there, at = fit.q.copy(), q.copy()
+        for i, s in zip(untold, share, strict=True):
+            p = fit.problem.model.priors.free[i].prior
+            shift = math.log(values[p.relative_to]) if p.relative_to else 0.0
+            there[i] = at[i] = float(p.ppf(np.array([s]), shift)[0])
+        value, _ = reached(fit.problem, there, fit.noise)
+        places.append(at)
+        # drawn from the prior, which does not count once more
+        weights.append(-value - float(fit.problem.log_prior(there)[0]) if math.isfinite(value) else -math.inf)
+    return places, np.array(weights)
 
 
 def held_out(
@@ -105,29 +178,31 @@ def held_out(
         for fit, x, m, end in zip(fits, rows, means, (math.inf, limit_m), strict=True):
             end = end if piece.channel == "displacement" else math.inf
             if not (np.isfinite(x[i]).all() and np.isfinite(m[i]).all()):
-                scored.append((np.full(x[i].shape, np.nan), -math.inf))
+                scored.append(_Predicted(np.full(x[i].shape, np.nan), -math.inf))
                 continue
             density = _log_density(fit, piece, _cut(piece, x[i], m[i], end))
-            scored.append((own_offset_and_gain(piece, x[i], end), density))
-        (r0, e0), (r1, e1) = scored
-        masked = ~piece.prepared.observed
-        out.append(
-            HeldOut(
-                piece.name,
-                piece.channel,
-                int(np.sum(~masked)),
-                _rms(r0),
-                _rms(r1),
-                _floor(after, piece),
-                e0,
-                e1,
-                math.isfinite(e0) and math.isfinite(e1),
-                block_means(np.where(masked, 0.0, r0), piece.blocks, masked),
-                block_means(np.where(masked, 0.0, r1), piece.blocks, masked),
-                piece.blocks.time_s,
-            )
-        )
+            scored.append(_Predicted(own_offset_and_gain(piece, x[i], end), density))
+        out.append(_compared(piece, scored[0], scored[1], after))
     return out
+
+
+def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> HeldOut:
+    """A held-out recording under two fits, of which the second one's noise is the floor."""
+    masked = ~piece.prepared.observed
+    return HeldOut(
+        piece.name,
+        piece.channel,
+        int(np.sum(~masked)),
+        _rms(before.residual),
+        _rms(after.residual),
+        _floor(fit, piece),
+        before.log_density,
+        after.log_density,
+        math.isfinite(before.log_density) and math.isfinite(after.log_density),
+        block_means(np.where(masked, 0.0, before.residual), piece.blocks, masked),
+        block_means(np.where(masked, 0.0, after.residual), piece.blocks, masked),
+        piece.blocks.time_s,
+    )
 
 
 def _floor(fit: Fit, piece: Piece) -> float:
@@ -209,8 +284,14 @@ def _rms(residual: Array) -> float:
     return math.sqrt(float(np.nanmean(residual**2))) if np.isfinite(residual).any() else math.nan
 
 
-def _log_density(fit: Fit, piece: Piece, x: Array) -> float:
-    """Log density of the recording's block means, offset, mains and gain integrated out."""
+def _log_density(fit: Fit, piece: Piece, x: Array, spread: Array | None = None) -> float:
+    """Log density of the recording's block means, offset, mains and gain integrated out.
+
+    spread (k, nb): what parameters that are not known for sure add, each with a coefficient N(0, 1).
+    """
+    if spread is not None:
+        columns = np.concatenate([piece.nuisance, spread])
+        piece = replace(piece, nuisance=columns, nuisance_sd=np.append(piece.nuisance_sd, np.ones(len(spread))))
     g_sd = float(fit.problem.gain_sd[piece.group])
     _, gains = fit.problem.beside(fit.q)
     gain = float(gains[piece.group])

@@ -53,7 +53,7 @@ def concealed(effects=None, seed=1, validate=True, scale=1.0, rho=0.0, pressed=F
 
 def problem_of(campaign, model="hooke+gm3"):
     """What is fitted to the recordings to identify, its noise prior, and coordinates in the middle of the priors."""
-    model = build_model(model)
+    model = build_model(model) if isinstance(model, str) else model
     assembled = assemble(campaign, model)
     problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
     middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
