@@ -18,7 +18,7 @@ from ..models.electrostatics import filled_input
 from ..noise.dropouts import find_dropouts
 from ..noise.limit import find_limit, near_limit
 from .outliers import without
-from .prove import offset_and_gain
+from .own_offset import offset_and_gain
 from .reduced import Piece, again
 from .refit import Fit
 from .whitening import Noise

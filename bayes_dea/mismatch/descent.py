@@ -17,6 +17,10 @@ from .whitening import Noise
 
 Array = NDArray[np.float64]
 _PRIOR_STEP = 1e-3
+#: share of the range of a flat prior by which coordinates keep off its ends
+MARGIN = 1e-6
+#: steps of an approach, and the nats that its last one promises
+_APPROACH, _NEAR = 25, 0.05
 #: nats of misfit beyond that of noise from which on a coarse descent ends earlier, by as much as the misfit is larger
 _FAR_OFF = 100.0
 #: how often a step may be shortened
@@ -110,6 +114,13 @@ def bounds(problem: Problem) -> tuple[Array, Array]:
     return low, high
 
 
+def inner_bounds(problem: Problem) -> tuple[Array, Array]:
+    """The same a little further in, where the density is that of the inside."""
+    low, high = bounds(problem)
+    margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
+    return low + margin, high - margin
+
+
 @dataclass(frozen=True)
 class End:
     """Where a descent ended; value: minus log posterior without log det terms."""
@@ -166,6 +177,15 @@ def descend(
     end = descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above, coarse, known)
     journal.put(key, None if end is None else [end.q.tolist(), end.steps, end.own])
     return _finished(problem, noise, end, coarse)
+
+
+def approach(
+    problem: Problem, q: Array, noise: Noise, kept: Kept | None = None, hopeless_above: float = math.inf
+) -> End | None:
+    """Near the maximum on whose slope q stands, to compare with others: a coarse `descend` within the bounds."""
+    low, high = inner_bounds(problem)
+    at = np.clip(q, low, high)
+    return descend(problem, at, noise, low, high, _APPROACH, _NEAR, kept, hopeless_above, coarse=True)
 
 
 def _finished(problem: Problem, noise: Noise, end: End | None, coarse: bool) -> End | None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .features import HARMONICS, Features, features
 from .noise_prior import NoisePrior
 from .refit import Fit, extrapolated, refit
+from .size import stiffness
 from .telling import Tell, silence
 from .whitening import Shared
 
@@ -28,8 +29,6 @@ AMPLITUDES_M = np.array([0.3e-6, 1.2e-6, 5e-6, 20e-6])
 KNOTS = np.array([0.002, 0.006, 0.02, 0.06, 0.2, 0.6, 2.0, 6.0, 20.0, 60.0, 200.0])
 #: nats that moving the model may promise for a straight step to say what it comes to
 _STRAIGHT = 2.0
-#: a force counts as this many N a m of displacement (the stack's stiffness)
-_N_PER_M = 13e3
 
 
 def basis(fit: Fit, looks: list[Features] | None = None) -> list[Array]:
@@ -69,7 +68,8 @@ def basis(fit: Fit, looks: list[Features] | None = None) -> list[Array]:
             e = (f.level - f.level.min()) / max(float(np.ptp(f.level)), 1e-12)
             for k in (2, 3, 4):
                 columns[f"force e^{k}"] = e**k
-            columns = {k: v * _N_PER_M for k, v in columns.items()}
+            each = stiffness(fit, piece)  # a force counts as the displacement that it makes
+            columns = {k: v * each for k, v in columns.items()}
         shared.append(columns)
     names = list(dict.fromkeys(k for c in shared for k in c))
     return [np.stack([c.get(k, np.zeros(p.blocks.n)) for k in names]) for c, p in zip(shared, pieces, strict=True)]

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..models.model import Model, build_model
 from ..priors import Prior
-from .descent import Linearisation, bounds, value_at
-from .frame import Frame
+from .descent import Linearisation, value_at
+from .frame import FAR, Frame
 from .laws import COUNTED, COUNTS
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
@@ -27,8 +27,6 @@ _AROUND, _ROUNDS = 4, 4
 _LEAST = 1.0
 #: nats of misfit that may be left in any case
 _SMALL = 200.0
-#: how far (in logs) a fit is moved along linearly
-_FAR = 0.7
 
 
 def counted(found: Weighed, base: Fit, prior: NoisePrior) -> Weighed:
@@ -90,9 +88,7 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
     if not found:
         return None
     _, likeliest, move, clean = min(found, key=lambda f: f[0])
-    low, high = bounds(problem)
-    start = fit.q + move if np.max(np.abs(move)) < _FAR else fit.q
-    start = np.clip(start, low + 1e-9, high - 1e-9)
+    start = fit.q + move if np.max(np.abs(move)) < FAR else fit.q
     # hardly another model: its sensitivities are nearly these
     near = Linearisation(fit.q, clean, fit.slopes, exact=False)
     return refit(likeliest, start, prior.start(), prior, coarse=True, known=near)

@@ -28,7 +28,6 @@ class Features:
     speed: Array  # mean rate of the input in units of its range a second
     since_edge_s: Array  # inf before the first edge
     jump: Array  # input after the last edge minus before it; 0 before the first
-    edge_number: NDArray[np.int64]  # 0 before the first
     frequency_Hz: float  # of the excitation, 0 where none
     phase: Array  # of the excitation in turns, nan outside its periods
     repetition: NDArray[np.int64]  # period of the excitation, -1 outside
@@ -66,7 +65,6 @@ def features(piece: Piece) -> Features:
         block_means(moving, b, masked),
         since,
         jump,
-        np.where(has, last + 1, 0),
         frequency,
         phase,
         repetition,

@@ -21,6 +21,9 @@ from .whitening import whiten, whiten_columns
 
 Array = NDArray[np.float64]
 
+#: how far (in logs) a fit is moved along linearly, at most: the logs bend
+FAR = 0.7
+
 
 class Frame:
     """A fit's sensitivities, whitened once, so that another prediction costs one column."""
@@ -41,7 +44,6 @@ class Frame:
             g = w.gram()
             total = g if total is None else total + g
         assert total is not None
-        self.total = total
         base, gradient, curvature = prior_derivatives(fit.problem, fit.q)
         self.prior, self.gradient, self.curvature = base, gradient, curvature
         self.H = total[1:, 1:] + curvature

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..models.effects import registered_effects
 from ..models.model import Model
-from .descent import bounds, value_at
+from .descent import value_at
 from .elements import counted, counted_as
 from .frame import Frame, own_index
 from .grid import Screened, screen
-from .hypotheses import extended, law_of
+from .hypotheses import extended
 from .laws import COUNTED, laws_of_effect
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
@@ -121,7 +121,7 @@ def _each_beside(
     frames: Sequence[Frame], best: Weighed, model: Model, names: list[str], overrides: Mapping[str, object], say: Report
 ) -> list[Screened]:
     """Every further effect on its grid."""
-    rest, laws = names_beside(best, names), {**overrides, **law_of(best)}
+    rest, laws = names_beside(best, names), {**overrides, **best.laws}
     found = []
     for k, name in enumerate(rest):
         say("weighing pairs", k, len(rest), "+".join(together(best.effects, name)))
@@ -170,7 +170,7 @@ def beside_the_second(
     alone: the second effect of `pair`, fitted without the first.
     """
     frame = Frame(alone.fit)
-    overrides = {**overrides, **law_of(alone)}
+    overrides = {**overrides, **alone.laws}
     found = [
         s for name in names_beside(alone, names) for s in beside_these([frame], alone.effects, name, model, overrides)
     ]
@@ -372,7 +372,7 @@ def merged(
     out = []
     for w in found:
         twice = [narrow for wide, narrow in CONTAINS.items() if {wide, narrow} <= set(w.effects)]
-        m = extended(model, [n for n in w.effects if n not in twice], {**overrides, **law_of(w)}) if twice else None
+        m = extended(model, [n for n in w.effects if n not in twice], {**overrides, **w.laws}) if twice else None
         without = within(w, base, m, prior) if m is not None and w.refitted else None
         if without is not None:
             out.append(without)
@@ -421,10 +421,9 @@ def from_the_leader(
         say("comparing rivals", k, len(rivals), w.name)
         problem = leader.fit.problem.with_model(model)
         known = {**_coordinates(w.fit), **shared}
-        low, high = bounds(problem)
         start = np.array([known[n] for n in model.priors.names])
         q = np.concatenate([start, leader.fit.q[leader.fit.problem.model.dimension :]])
-        fit = refit(problem, np.clip(q, low + 1e-9, high - 1e-9), prior.start(), prior, coarse=True)
+        fit = refit(problem, q, prior.start(), prior, coarse=True)
         if fit is not None and fit.log_evidence > w.fit.log_evidence:
             better = replace(w, fit=fit, log_evidence=w.log_evidence + fit.log_evidence - w.fit.log_evidence)
             out.append(better if model is w.fit.problem.model else counted(better, base, prior))
@@ -451,7 +450,7 @@ def second_thoughts(
     leave nothing to be seen (`explains`) in place of that one.
     """
     out: list[Weighed] = []
-    laws = {**overrides, **law_of(w)}
+    laws = {**overrides, **w.laws}
     simpler_ones = [[n for n in w.effects if n != dropped] for dropped in w.effects] if len(w.effects) > 1 else []
     simpler_ones += [
         [n for n in w.effects if n != wide] + [narrow]

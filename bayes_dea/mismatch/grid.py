@@ -245,7 +245,7 @@ def _score_resonances(
 
 
 def just_reached(
-    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None], steps: int = _SECTIONS
+    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None]
 ) -> None:
     """Score points between the last of a limit that acts on too much and the next, that acts on nothing any more.
 
@@ -263,7 +263,7 @@ def just_reached(
             continue
         acting, beyond = (points[i - 1], points[i]) if idles[i] else (points[i], points[i - 1])
         # a tie goes on towards what acts
-        _golden_section(score, lambda p: p.likelihood, float(acting.own[0]), float(beyond.own[0]), steps, _IDLE)
+        _golden_section(score, lambda p: p.likelihood, float(acting.own[0]), float(beyond.own[0]), _SECTIONS, _IDLE)
 
 
 def _golden_section(
@@ -283,14 +283,14 @@ def _golden_section(
             a = x1
 
 
-def parabola(found: Sequence[Scored], score: Callable[[Array], Scored | None], rounds: int = _PARABOLAS) -> None:
+def parabola(found: Sequence[Scored], score: Callable[[Array], Scored | None]) -> None:
     """Score the vertex of a parabola through the likeliest point and its neighbours; what is scored is kept by `score`.
 
     What readings follow in a line (a drift, a curvature of the sensor) may be known a hundred times better than the
     points of a grid are apart: a weak one then lies between zero and the next point, and either looks worse than none.
     For such an effect the parabola is exact.
     """
-    for _ in range(rounds):
+    for _ in range(_PARABOLAS):
         points = sorted(found, key=lambda p: float(p.own[0]))
         best = min(range(len(points)), key=lambda i: points[i].likelihood, default=0)
         if not 0 < best < len(points) - 1:
@@ -306,7 +306,7 @@ def parabola(found: Sequence[Scored], score: Callable[[Array], Scored | None], r
 
 
 def narrow_peak(
-    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None], sections: int = _PEAK_SECTIONS
+    found: Sequence[Scored], idle: float, score: Callable[[Array], Scored | None]
 ) -> None:
     """Score points between the best of a grid and a next one that acts on far too much.
 
@@ -326,7 +326,7 @@ def narrow_peak(
             continue
         if points[i].posterior - top.posterior < _STEEP * max(idle - top.posterior, _HARDLY):
             continue
-        _golden_section(score, lambda p: p.posterior, float(top.own[0]), float(points[i].own[0]), sections, 0.0)
+        _golden_section(score, lambda p: p.posterior, float(top.own[0]), float(points[i].own[0]), _PEAK_SECTIONS, 0.0)
 
 
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:

@@ -10,9 +10,7 @@ from ..errors import InputError
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from ..models.spec import parse_spec
-from ..priors import Prior, prior_folder
-from .laws import laws_in
-from .weigh import Weighed
+from ..priors import prior_folder
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
 #: how the reason begins why an effect is not weighed that a structure has no place for
@@ -105,7 +103,3 @@ def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object
     }
     return build_model("+".join(plain + names), given)  # type: ignore[arg-type]
 
-
-def law_of(w: Weighed) -> dict[str, Prior]:
-    """Priors of the laws that weighed effects were given, where those are not the plain ones."""
-    return laws_in(w.fit.problem.model, w.effects)

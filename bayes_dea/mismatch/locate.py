@@ -33,6 +33,8 @@ ADEQUATE = 1e-3
 #: family-wise false-alarm rate at which a mismatch counts as found
 FAMILY_WISE = 0.01
 _DRAWS = 240
+#: intervals of mismatch that are told, the strongest
+_TOLD = 40
 _WAY = {1: "rising", -1: "falling"}
 _SMALLEST = 4  # blocks in the shortest window
 #: sd below which a window is one that the fit could absorb: it says nothing
@@ -423,7 +425,7 @@ def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
     return rows
 
 
-def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[dict[str, Any]]:
+def where(fit: Fit, found: Scan, looks: list[Features]) -> list[dict[str, Any]]:
     """Mismatch intervals: windows in time beyond the threshold, merged, the strongest first (CONTRACT 4)."""
     hits = [
         (abs(float(found.z[k])), w)
@@ -436,7 +438,7 @@ def where(fit: Fit, found: Scan, looks: list[Features], most: int = 40) -> list[
         if all(w.piece != other.piece or w.t1_s < other.t0_s or w.t0_s > other.t1_s for _, other in kept):
             kept.append((strength, w))
     out = []
-    for strength, w in sorted(kept, key=lambda h: -h[0])[:most]:
+    for strength, w in sorted(kept, key=lambda h: -h[0])[:_TOLD]:
         piece, f = fit.problem.pieces[w.piece], looks[w.piece]
         inside = (f.time_s >= w.t0_s) & (f.time_s <= w.t1_s)
         out.append(
@@ -468,7 +470,7 @@ def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
     return "before the first edge"
 
 
-def excess_by(fit: Fit, found: Scan, looks: list[Features]) -> dict[str, dict[str, float]]:
+def excess_by(fit: Fit, found: Scan) -> dict[str, dict[str, float]]:
     """Largest statistic by recording, frequency and harmonic, voltage, time since an edge, direction, repetition."""
     names = [p.name for p in fit.problem.pieces]
     out: dict[str, dict[str, float]] = {

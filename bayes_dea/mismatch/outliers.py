@@ -12,7 +12,7 @@ from ..campaign.rhythm import with_a_reading
 from ..models.electrostatics import filled_input
 from ..noise.isolated import Recurrence, isolated_outliers, recurrence
 from .features import excitation
-from .prove import own_offset_and_gain
+from .own_offset import own_offset_and_gain
 from .reduced import Piece, again
 from .refit import Fit
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from ..models.nodes import Nodes
 from .locate import is_adequate
 from .noise_prior import NoisePrior
 from .reduced import Piece
@@ -71,10 +70,7 @@ def as_shown(fit: Fit, pieces: tuple[Piece, ...]) -> tuple[Piece, ...]:
             # rows at the limit say nothing of the zero
             seen = p.prepared.observed & (x < (1.0 - _BELOW) * highest)
             zero = float(np.mean(p.prepared.y[seen] / gain - x[seen])) if seen.any() else 0.0
-            few = p.few
-            if few is not None and isinstance(few.where, Nodes):
-                few = replace(few, where=replace(few.where, zero_m=zero))
-            p = replace(p, nodes=replace(p.nodes, zero_m=zero), few=few)
+            p = replace(p, nodes=replace(p.nodes, zero_m=zero))
         out.append(p)
     return tuple(out)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..models.model import build_model
 from ..priors import Parameter, Prior
-from .descent import bounds, descend
+from .descent import approach
 from .hypotheses import NONE
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
@@ -46,13 +46,11 @@ def in_any_place(found: Weighed, prior: NoisePrior) -> Fit | None:
         next_to_nothing = _GONE * values.get("Y_Pa", values[k])
         gone: dict[str, Parameter | Prior] = {tau: Prior("fixed", values[tau]), k: Prior("fixed", next_to_nothing)}
         problem = found.fit.problem.with_model(build_model(model.name, {**own, **gone}))
-        low, high = bounds(problem)
         x = np.array([[p.prior.to_coordinate(values[p.name]) for p in problem.model.priors.free]])
         q = np.concatenate([problem.model.from_prior_coordinates(x)[0], found.fit.q[model.dimension :]])
         if not np.isfinite(q).all():
             continue
-        q = np.clip(q, low + 1e-9, high - 1e-9)
-        end = descend(problem, q, prior.start(), low, high, 25, 0.05, None, coarse=True)
+        end = approach(problem, q, prior.start())
         if end is not None:
             ends.append((end.value, i, problem, end.q))
     if not ends:

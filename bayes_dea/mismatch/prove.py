@@ -19,6 +19,7 @@ from ..noise.blocks import block_means
 from .descent import Linearisation, reached
 from .frame import own_index
 from .noise_prior import NoisePrior
+from .own_offset import offset_and_gain, own_offset_and_gain
 from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit, refit
@@ -27,8 +28,6 @@ from .weigh import widths_of
 from .whitening import whiten
 
 Array = NDArray[np.float64]
-#: sd of a recording's gain around one where its readings may not say
-_GAIN_SD = 0.1
 #: width, in sds of its prior, from which on the other recordings say nothing of a parameter, and draws from that prior
 _UNTOLD, _PRIOR_DRAWS = 0.5, 32
 
@@ -229,45 +228,6 @@ def without_validation(proof: list[HeldOut]) -> str:
     if not proof:
         return "there is one recording only: nothing is left to prove the verdict on; record a second one"
     return 'no recording has role "validate": the proof was made by leaving out recordings in turn'
-
-
-def own_offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> Array:
-    """Residual (n,) after the recording's own gain, offset and mains by least squares; nan without a reading.
-
-    limit_m: end of the sensor's range; rows whose reading it cut are predicted by it and do not enter the fit.
-    """
-    p = piece.prepared
-    expected, _ = offset_and_gain(piece, x, limit_m)
-    return np.where(p.observed, p.y - np.minimum(expected, limit_m), np.nan)
-
-
-def offset_and_gain(piece: Piece, x: Array, limit_m: float = math.inf) -> tuple[Array, tuple[float, float]]:
-    """Expected readings (n,) with the recording's own gain, offset and mains by least squares; (gain, offset).
-
-    nan where the model has no finite answer.
-    """
-    p = piece.prepared
-    if not np.isfinite(x).all():
-        return np.full(x.shape, np.nan), (math.nan, math.nan)
-    A = np.concatenate([x[:, None], p.nuisance()], axis=1)
-    scale = np.maximum(np.abs(A).max(axis=0), 1e-300)
-    A = A / scale
-    if math.isinf(limit_m):
-        c, *_ = np.linalg.lstsq(A[p.observed], p.y[p.observed], rcond=None)
-        return A @ c, (float(c[0] / scale[0]), float(c[1] / scale[1]))
-    # rows expected at the limit or above tell no more than that. What is left may say nothing of the gain (a creep
-    # whose plateau is cut off): it is one within what sensors allow
-    c = np.zeros(A.shape[1])
-    c[0] = scale[0]
-    weight = p.quiet_sd / _GAIN_SD
-    prior = np.zeros((1, A.shape[1]))
-    prior[0, 0] = weight / scale[0]
-    for _ in range(4):
-        good = p.observed & (A @ c < limit_m - 3.0 * p.quiet_sd)
-        if good.sum() < 20:
-            break
-        c, *_ = np.linalg.lstsq(np.concatenate([A[good], prior]), np.append(p.y[good], weight), rcond=None)
-    return A @ c, (float(c[0] / scale[0]), float(c[1] / scale[1]))
 
 
 def _cut(piece: Piece, x: Array, means: Array, limit_m: float) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from .descent import Linearisation, bounded_step, bounds, descended, prior_derivatives, reached
+from .descent import MARGIN, Linearisation, bounded_step, bounds, descended, inner_bounds, prior_derivatives, reached
 from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
@@ -92,9 +92,9 @@ def refit(
     coarse: what is far from an explanation need not be known to a part of a nat; for searches, not for proofs.
     known: sensitivities at or near q0, so that the first need not be worked out.
     """
-    low, high = bounds(problem)
-    margin = np.where(np.isfinite(high - low), 1e-6 * (high - low), 0.0)
-    low, high = low + margin, high - margin
+    low, high = inner_bounds(problem)
+    # as far again from there
+    margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
     journal = problem.journal
     key = ""
     if journal.kept:

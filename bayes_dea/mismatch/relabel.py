@@ -12,10 +12,10 @@ import math
 import numpy as np
 
 from ..models.model import Model
-from .descent import bounds, descend
+from .descent import approach
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
-from .relocate import with_modes
+from .relocate import elements_of, with_modes
 from .size import effect_size
 from .weigh import Weighed
 
@@ -38,17 +38,15 @@ def in_place_of_one(found: Weighed, base: Fit, model: Model, prior: NoisePrior) 
     if FURTHER not in found.effects or spec.network != "gm":
         return None
     problem = found.fit.problem.with_model(model)
-    low, high = bounds(problem)
     values = found.fit.values()
     ends = []
     for i in range(1, spec.elements + 1):
-        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1) if j != i]
+        kept = [e for j, e in enumerate(elements_of(values, spec.elements), 1) if j != i]
         modes = [*kept, (values["tau_x_s"], values["k_x_Pa"])]
         start = with_modes(found.fit, model, values, modes)
         if not np.isfinite(start).all():
             continue
-        start = np.clip(start, low + 1e-9, high - 1e-9)
-        end = descend(problem, start, prior.start(), low, high, 25, 0.05, None, coarse=True)
+        end = approach(problem, start, prior.start())
         if end is not None:
             ends.append(end)
     if not ends:
@@ -70,17 +68,16 @@ def labellings(found: Weighed, prior: NoisePrior) -> list[Fit]:
     out = [found.fit]
     if FURTHER not in found.effects or spec.network != "gm":
         return out
-    low, high = bounds(found.fit.problem)
     values = found.fit.values()
     if not {"k_x_Pa", "tau_x_s"} <= set(model.priors.names):
         return out
     for i in range(1, spec.elements + 1):
-        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, spec.elements + 1) if j != i]
+        kept = [e for j, e in enumerate(elements_of(values, spec.elements), 1) if j != i]
         named = values | {"tau_x_s": values[f"tau_{i}_s"], "k_x_Pa": values[f"k_{i}_Pa"]}
         start = with_modes(found.fit, model, named, [*kept, (values["tau_x_s"], values["k_x_Pa"])])
         if not np.isfinite(start).all():
             continue
-        fit = refit(found.fit.problem, np.clip(start, low + 1e-9, high - 1e-9), prior.start(), prior)
+        fit = refit(found.fit.problem, start, prior.start(), prior)
         # an exchange changes no answer: what ends elsewhere is another explanation
         if fit is not None and abs(math.log(fit.values()["tau_x_s"] / named["tau_x_s"])) < _SAME_TIME:
             out.append(fit)
@@ -98,8 +95,7 @@ def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighe
     known = dict(zip(before.priors.names, found.fit.q[: before.dimension], strict=True))
     median = model.priors.transform(np.full((1, model.dimension), 0.5))[0]
     q = np.array([known.get(n, m) for n, m in zip(model.priors.names, median, strict=True)])
-    low, high = bounds(problem)
-    start = np.clip(np.concatenate([q, found.fit.q[before.dimension :]]), low + 1e-9, high - 1e-9)
+    start = np.concatenate([q, found.fit.q[before.dimension :]])
     fit = refit(problem, start, prior.start(), prior, coarse=True)
     if fit is None:
         return None
@@ -112,7 +108,7 @@ def stands_in(fit: Fit) -> bool:
     spec, values = fit.problem.model.spec, fit.values()
     if spec.network != "gm" or spec.elements < 1:
         return False
-    quickest = min(values[f"tau_{j}_s"] for j in range(1, spec.elements + 1))
+    quickest = min(tau for tau, _ in elements_of(values, spec.elements))
     return quickest <= FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
 
 
@@ -126,7 +122,7 @@ def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | N
     if FURTHER not in found.effects or not stands_in(found.fit):
         return None
     values = found.fit.values()
-    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, model.spec.elements + 1))
+    modes = sorted(elements_of(values, model.spec.elements))
     start = with_modes(found.fit, model, values, [*modes[1:], (values["tau_x_s"], values["k_x_Pa"])])
     problem = found.fit.problem.with_model(model)
     return refit(problem, start, prior.start(), prior, max_steps=0, fit_noise=False)
@@ -140,7 +136,7 @@ def with_stand_in_idle(found: Weighed, prior: NoisePrior) -> Fit | None:
     if not stands_in(found.fit):
         return None
     problem, values = found.fit.problem, found.fit.values()
-    modes = sorted((values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, problem.model.spec.elements + 1))
+    modes = sorted(elements_of(values, problem.model.spec.elements))
     span = max(float(p.recording.time_s[-1] - p.recording.time_s[0]) for p in problem.pieces)
     middle = math.sqrt(span * min(p.prepared.step_s for p in problem.pieces))
     idle = middle, _IDLE * sum(k for _, k in modes[1:]) if len(modes) > 1 else _IDLE * modes[0][1]

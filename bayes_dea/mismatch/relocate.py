@@ -9,14 +9,15 @@ are begun from there too: none may fall behind because it did not look.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..models.model import Model
-from .descent import bounds, descend, value_at
-from .frame import Frame
+from .descent import approach, value_at
+from .frame import FAR, Frame
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 
@@ -29,9 +30,8 @@ _LEAST = 2.0
 _ROUNDS = 2
 #: nats by which a descent has to end below where it all began for the fit to be made again from there
 _BETTER = 0.3
-#: points that fits begin from, and how far (in logs) one is moved along
+#: points that fits begin from
 _TRIED = 2
-_FAR = 0.7
 #: ratio of time constants below which two modes are one, and by what they are set apart, either way
 _ONE = 1.4
 _APART = (1.6, 4.0)
@@ -42,16 +42,13 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
     spec = fit.problem.model.spec
     if spec.network not in ("gm", "gkv") or spec.elements < 1:
         return fit
-    low, high = bounds(fit.problem)
-    low, high = low + 1e-9, high - 1e-9
     for _ in range(_ROUNDS):
         ends = []
         enough = value_at(fit.problem, fit.q, prior.start())
         # moved along linearly only where that is not far: the logs of a fit bend
-        starts = [q + move if np.max(np.abs(move)) < _FAR else q for q, move in _starts(fit)]
+        starts = [q + move if np.max(np.abs(move)) < FAR else q for q, move in _starts(fit)]
         for start in [*starts, *_parted(fit)]:
-            begin = np.clip(start, low, high)
-            end = descend(fit.problem, begin, prior.start(), low, high, 25, 0.05, None, enough, coarse=True)
+            end = approach(fit.problem, start, prior.start(), hopeless_above=enough)
             if end is not None:
                 ends.append(end)
         best = min(ends, key=lambda e: e.value, default=None)
@@ -72,9 +69,7 @@ def begun_from(fit: Fit, other: Fit, prior: NoisePrior) -> Fit:
         if name in mine.priors.names:
             q[mine.priors.names.index(name)] = other.q[i]
     q[mine.dimension :] = other.q[theirs.dimension :]
-    low, high = bounds(fit.problem)
-    low, high = low + 1e-9, high - 1e-9
-    end = descend(fit.problem, np.clip(q, low, high), prior.start(), low, high, 25, 0.05, None, coarse=True)
+    end = approach(fit.problem, q, prior.start())
     again = None if end is None else refit(fit.problem, end.q, prior.start(), prior, coarse=True)
     return fit if again is None or again.objective > fit.objective - 0.5 else again
 
@@ -107,7 +102,7 @@ def _elsewhere(fit: Fit) -> list[Array]:
     stiff = values.get("Y_Pa", 1e6)
     out = []
     for i in range(1, n + 1):
-        kept = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, n + 1) if j != i]
+        kept = [e for j, e in enumerate(elements_of(values, n), 1) if j != i]
         for tau in np.geomspace(2.0 * min(steps), max(spans), _TIMES):
             for share in _SHARES:
                 k = stiff * share if model.spec.network == "gm" else stiff / share
@@ -118,7 +113,7 @@ def _elsewhere(fit: Fit) -> list[Array]:
 def _parted(fit: Fit) -> list[Array]:
     """Coordinates with two modes that are one set apart around where they are, each with half of what both have."""
     model, values = fit.problem.model, fit.values()
-    modes = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, model.spec.elements + 1)]
+    modes = elements_of(values, model.spec.elements)
     out = []
     for i, (slow, quick) in enumerate(pairwise(modes)):
         if slow[0] > _ONE * quick[0]:
@@ -129,6 +124,11 @@ def _parted(fit: Fit) -> list[Array]:
         tau = float(np.sqrt(slow[0] * quick[0]))
         out += [with_modes(fit, model, values, [*others, (tau * r, half), (tau / r, half)]) for r in _APART]
     return out
+
+
+def elements_of(values: Mapping[str, float], count: int) -> list[tuple[float, float]]:
+    """(time constant, modulus) of a network's elements, in their order."""
+    return [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, count + 1)]
 
 
 def with_modes(fit: Fit, model: Model, values: dict[str, float], modes: list[tuple[float, float]]) -> Array:

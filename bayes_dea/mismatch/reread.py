@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign import HOLDS
-from .descent import Linearisation, bounds, descend, prior_derivatives
+from .descent import Linearisation, descend, inner_bounds, prior_derivatives
 from .locate import is_adequate
 from .noise_prior import NoisePrior
+from .own_offset import offset_and_gain
 from .problem import Problem
-from .prove import offset_and_gain
 from .reduced import Piece, renoded
 from .refit import Fit, inverse, refit
 from .telling import Tell, silence
@@ -128,8 +128,7 @@ def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | No
     None where that leaves more than noise, however large that has grown.
     """
     known = Linearisation(fit.q, _but(fit.clean, left_out), _but(fit.slopes, left_out))
-    low, high = bounds(rest)
-    end = descend(rest, fit.q, prior.start(), low + 1e-9, high - 1e-9, _FEW, 1.0, None, coarse=True, known=known)
+    end = descend(rest, fit.q, prior.start(), *inner_bounds(rest), _FEW, 1.0, None, coarse=True, known=known)
     if end is None:
         return None
     n = sum(p.blocks.n for p in rest.pieces)

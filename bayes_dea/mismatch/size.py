@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..models.static import law_stress_tangent
 from .reduced import Piece
 from .refit import Fit
 
 Array = NDArray[np.float64]
-#: step of the displacement (m) where no resolution is stated, and what a force without one is a displacement by (N/m)
+#: step of the displacement (m) where no resolution is stated
 STEP_M = 0.15e-6
-_STIFFNESS = 13e3
 
 
 def effect_size(base: Fit, fit: Fit) -> float:
@@ -41,13 +41,23 @@ def _largest(base: Fit, fit: Fit, plain: Sequence[Array], changed: Sequence[Arra
         w = piece.blocks.count / piece.blocks.count.sum()
         x = x - w @ x
         rms = math.sqrt(float(w @ x**2))
-        each = 1.0 if piece.channel == "displacement" else _metres_a_newton(piece, fit.problem.pieces)
+        each = 1.0 if piece.channel == "displacement" else _metres_a_newton(piece, fit)
         worst = max(worst, each * rms)
     return worst
 
 
-def _metres_a_newton(force: Piece, pieces: Sequence[Piece]) -> float:
-    """What a force counts for beside displacements: a step of its sensor's resolution is one of theirs."""
+def _metres_a_newton(force: Piece, fit: Fit) -> float:
+    """What a force counts for beside displacements: a step of its sensor's resolution is one of theirs.
+
+    Where none is stated it counts as the displacement that it makes.
+    """
     own = force.prepared.sensor.resolution
-    theirs = [p.prepared.sensor.resolution for p in pieces if p.channel == "displacement"]
-    return next((step for step in theirs if step), STEP_M) / own if own else 1.0 / _STIFFNESS
+    theirs = [p.prepared.sensor.resolution for p in fit.problem.pieces if p.channel == "displacement"]
+    return next((step for step in theirs if step), STEP_M) / own if own else 1.0 / stiffness(fit, force)
+
+
+def stiffness(fit: Fit, force: Piece) -> float:
+    """Force (N) that a metre between the plates of a mechanical recording takes, by a fit's law at small strain."""
+    plant = replace(fit.problem, pieces=(force,)).plants(fit.q)[0]
+    _, modulus = law_stress_tangent(plant.law_id, plant.law, 0.0)
+    return float(modulus) * plant.area_m2 / plant.height_m

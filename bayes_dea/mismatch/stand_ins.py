@@ -12,7 +12,6 @@ import numpy as np
 
 from ..models.model import build_model
 from ..priors import Parameter, Prior
-from .descent import bounds
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 from .relabel import FAST_STEPS, stands_in
@@ -47,6 +46,5 @@ def _held(fit: Fit, simpler: Fit, fastest_s: float, prior: NoisePrior) -> Fit | 
     q = with_modes(fit, problem.model, values, [])
     if not np.isfinite(q).all():
         return None
-    low, high = bounds(problem)
     # at the noise of what explains more: that of a base has grown
-    return refit(problem, np.clip(q, low + 1e-9, high - 1e-9), fit.noise, prior, fit_noise=False, coarse=True)
+    return refit(problem, q, fit.noise, prior, fit_noise=False, coarse=True)

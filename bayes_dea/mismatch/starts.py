@@ -24,10 +24,12 @@ from .weigh import refine
 from .whitening import Noise
 
 Array = NDArray[np.float64]
+#: how many points of the grid fits begin from, at most
+_STARTS = 4
 
 
 def effect_starts(
-    assembled: Assembled, model: Model, rng: np.random.Generator, settings: MapSettings, count: int = 4
+    assembled: Assembled, model: Model, rng: np.random.Generator, settings: MapSettings
 ) -> list[Array]:
     """Coordinates of the posterior (d,) at refits of `model` from different points of its effects' grid, best first."""
     bare = bare_of(model)
@@ -43,7 +45,7 @@ def effect_starts(
     if screened is None:
         return []
     out = []
-    for n in range(1, count + 1):
+    for n in range(1, _STARTS + 1):
         w = refine(base, screened, prior, n)
         if w is not None:
             d = model.dimension + problem.zero_mean.size

@@ -17,7 +17,7 @@ from ..models.model import Model
 from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
-from .hypotheses import MAINS, NONE, UNKNOWN, extended, law_of
+from .hypotheses import MAINS, NONE, UNKNOWN, extended
 from .judge import Judged
 from .locate import excess_by, where
 from .name import Naming
@@ -87,7 +87,7 @@ def summarise(
             "detected": detected,
             "p_value": none.scan.p_value,
             "where": where(none.weighed.fit, none.scan, looks),
-            "by": excess_by(none.weighed.fit, none.scan, looks),
+            "by": excess_by(none.weighed.fit, none.scan),
             "reduced_chi2": none.scan.reduced_chi2,
             "threshold": none.scan.threshold,
             "in_readings": False,
@@ -95,7 +95,7 @@ def summarise(
         "hypotheses": hypotheses,
         "proof": proof_summary(proof, how),
         "next_experiment": ask,
-        "corrected_model": _corrected(model, naming, verdict, physics),
+        "corrected_model": _corrected(model, naming, verdict),
         "corrected_priors": _corrected_priors(naming, physics[verdict]),
         "adequate": naming.best.adequate,
         "adequacy_p_value": naming.best.scan.p_value,
@@ -116,7 +116,7 @@ def summarise(
     return out
 
 
-def _corrected(model: Model, naming: Naming, verdict: str, physics: dict[str, str]) -> str:
+def _corrected(model: Model, naming: Naming, verdict: str) -> str:
     """SPEC of the repaired model; mains is part of every noise model and needs no name."""
     if verdict == UNKNOWN:
         return naming.best.weighed.fit.problem.model.name
@@ -144,7 +144,7 @@ def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
             ends = prior.family in ("uniform", "loguniform")
             if ends and n in values and own[n] != prior and not prior.a <= values[n] <= prior.b:
                 beyond[n] = own[n]
-    return {name: str(prior) for name, prior in (beyond | law_of(weighed)).items()}
+    return {name: str(prior) for name, prior in (beyond | weighed.laws).items()}
 
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:

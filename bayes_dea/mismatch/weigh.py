@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import erfcx
 
 from ..models.model import Model
-from .descent import bounds, descend, prior_derivatives
-from .frame import Frame, insert, own_index
+from ..priors import Prior
+from .descent import approach, inner_bounds, prior_derivatives
+from .frame import FAR, Frame, insert, own_index
 from .grid import Scored, Screened, rings
+from .laws import laws_in
 from .noise_prior import NoisePrior
 from .problem import Kept
 from .refit import Fit, refit
@@ -26,8 +28,6 @@ from .size import effect_size
 Array = NDArray[np.float64]
 #: nats behind the best so far at which a hypothesis is not refitted any further
 HOPELESS = 300.0
-#: how far (in logs) the base is moved along linearly where the whole way led astray
-_FAR = 0.7
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: how well the frequency that a mass rings at is known from its stiffness
@@ -52,6 +52,11 @@ class Weighed:
         return "+".join(self.effects) or "none"
 
     @property
+    def laws(self) -> dict[str, Prior]:
+        """Priors of the laws that its effects were given, where those are not the plain ones."""
+        return laws_in(self.fit.problem.model, self.effects)
+
+    @property
     def refitted(self) -> bool:
         """Whether the fit is its own; what a grid calls hopeless keeps that of the base."""
         return set(self.effects) <= set(self.fit.problem.model.spec.effects)
@@ -68,15 +73,12 @@ def refine(
     """
     model = screened.model
     problem = base.problem.with_model(model)
-    low, high = bounds(problem)
-    low, high = low + 1e-9, high - 1e-9
     above = min(_hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind), at_most)
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
         for shift in _shifts(point):
-            start = np.clip(insert(point.frame.fit, model, point.own, shift), low, high)
-            end = descend(problem, start, prior.start(), low, high, 25, 0.05, kept, above, coarse=True)
+            end = approach(problem, insert(point.frame.fit, model, point.own, shift), prior.start(), kept, above)
             if end is not None:
                 # what had to work out all sensitivities needs no approach by those of the base
                 ends.append((end.value, end.q, None if end.own else kept))
@@ -99,7 +101,7 @@ def _shifts(point: Scored) -> list[Array | None]:
     if point.frame.far:
         return [None]
     length = float(np.max(np.abs(point.move), initial=0.0))
-    return [point.move, *([point.move * (_FAR / length)] if length > _FAR else []), None]
+    return [point.move, *([point.move * (FAR / length)] if length > FAR else []), None]
 
 
 def _hopeless(reached: float, n: int, behind: float) -> float:
@@ -145,7 +147,7 @@ def escaped(fit: Fit, base: Fit, prior: NoisePrior) -> Fit:
     index = own_index(base, fit.problem.model)
     added = [name for name in fit.problem.model.spec.effects if name not in base.problem.model.spec.effects]
     widths = fit.problem.model.priors.scales()
-    low, high = bounds(fit.problem)
+    low, high = inner_bounds(fit.problem)
     for _ in range(3):
         frame = Frame(fit)
         here = frame.value(fit.clean)[0]
@@ -158,7 +160,7 @@ def escaped(fit: Fit, base: Fit, prior: NoisePrior) -> Fit:
                 looks.append((q, [int(i)]))
         looks += [(q, [int(i) for i in index]) for q in _mirrored(fit, index)]
         for q, own in looks:
-            q[own] = np.clip(q[own], low[own] + 1e-9, high[own] - 1e-9)
+            q[own] = np.clip(q[own], low[own], high[own])
             own_prior = float(fit.problem.log_prior(q)[0] - fit.problem.log_prior(fit.q)[0])
             tried = frame.tried(fit.problem, q, added) if np.isfinite(own_prior) else None
             if tried is None:

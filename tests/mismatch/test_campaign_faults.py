@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
 import bayes_dea as bd
 from bayes_dea.mismatch.clipped import moments_above
@@ -113,6 +113,10 @@ def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     s = diagnose(c, "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert s["confidence"] > 0.9
+    # it was read as stated to begin with, and that is another model
+    stated, true = (problem_of(x) for x in (c, plain))
+    apart = [np.abs(a - b).max() for a, b in zip(*(p.clean(q) for p, _, q in (stated, true)), strict=True)]
+    assert max(apart) > 1e-6
     if hold == "start":  # a whole sample: seen in these recordings
         assert 'timing: the recordings follow hold = "end", not "start"' in s["warnings"][0]
 
@@ -148,8 +152,7 @@ def test_a_clipped_sensor_is_named_where_its_range_cuts_the_noise():
     end = max(float(np.nanmax(r.columns["displacement_m"])) for r in c.recordings)
     c = replace(c, recordings=tuple(
         with_readings(r, [100, 250, 400], end) if r.name == "rectangle_10Hz.csv" else r for r in c.recordings))
-    result = diagnose(c, "hooke+gm3")
-    s = result.summary
+    s = diagnose(c, "hooke+gm3").summary
     assert s["verdict"] == "sensor_clipping"
     assert s["mismatch"]["detected"]
     limit = s["hypotheses"][0]["parameters"]["y_max_m"]

@@ -37,6 +37,16 @@ def _first(assembled, model):
     return fit, prior
 
 
+def _none_better(fit, prior, spread, tries):
+    """No descent from places scattered by `spread` ends better; how many had an answer."""
+    rng = np.random.default_rng(2)
+    starts = [fit.q + spread * rng.standard_normal(spread.size) for _ in range(tries)]
+    ends = [refit(fit.problem, q, prior.start(), prior) for q in starts]
+    objectives = [end.objective for end in ends if end is not None]
+    assert min(objectives) > fit.objective - 0.5
+    return len(objectives)
+
+
 @pytest.mark.parametrize(
     ("effects", "spec", "pressed"),
     [
@@ -58,20 +68,14 @@ def test_what_is_in_the_model_is_found_where_it_is(effects, spec, pressed):
             i = names.index(name)
             p = fit.problem.model.priors.free[i].prior
             assert abs(fit.q[i] - (np.log(true) if p.is_log else true)) < 4 * sd[i], name
-    rng = np.random.default_rng(2)
-    for _ in range(4):
-        again = refit(fit.problem, fit.q + 3.0 * sd * rng.standard_normal(sd.size), prior.start(), prior)
-        assert again is None or again.objective > fit.objective - 0.5
+    assert _none_better(fit, prior, 3.0 * sd, 4) == 4
 
 
 def test_a_law_that_bends_begins_where_its_linearisation_ends():
     """Yeoh's law on a softening that it can only imitate: a polish by numerical Hessians ended millions of nats off."""
     fit, prior = _fitted({"amplitude_softening": dict(ALL["amplitude_softening"].parameters)}, "yeoh+gm3", True)
     sd = np.sqrt(np.diag(fit.covariance))
-    rng = np.random.default_rng(2)
-    for _ in range(4):
-        again = refit(fit.problem, fit.q + sd * rng.standard_normal(sd.size), prior.start(), prior)
-        assert again is None or again.objective > fit.objective - 0.5
+    assert _none_better(fit, prior, sd, 4) == 4
 
 
 def test_presses_that_stiffen_are_fitted_as_well_as_a_base_can(tmp_path):
@@ -81,10 +85,8 @@ def test_presses_that_stiffen_are_fitted_as_well_as_a_base_can(tmp_path):
     assembled = assemble(load_campaign(write_case(case, tmp_path / "campaign")), model)
     fit, prior = _first(assembled, model)
     sd = np.sqrt(np.diag(fit.covariance))
-    rng = np.random.default_rng(2)
-    for _ in range(8):
-        again = refit(fit.problem, fit.q + 30.0 * sd * rng.standard_normal(sd.size), prior.start(), prior)
-        assert again is None or again.objective > fit.objective - 0.5
+    # so far off some have no answer to begin from
+    assert _none_better(fit, prior, 30.0 * sd, 16) >= 4
 
 
 def test_a_corrected_model_has_nothing_left_out():
@@ -94,7 +96,7 @@ def test_a_corrected_model_has_nothing_left_out():
 
 
 def test_a_bare_model_keeps_its_priors():
-    model = build_model("hooke+gm2+series_resistance+inertia", {"Y_Pa": Prior("lognormal", np.log(2e6), 0.1)})
+    model = build_model("hooke+gm2+series_resistance+inertia", {"Y_Pa": Prior("lognormal", 2e6, 0.1)})
     bare = bare_of(model)
     assert bare.spec.effects == ()
     assert str(bare.priors.free[0].prior) == str(model.priors.free[0].prior)

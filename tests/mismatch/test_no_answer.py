@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_dea.mismatch.discrepancy import basis, discrepancy
-from bayes_dea.mismatch.hypotheses import extended, law_of
+from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.laws import VARIANTS
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
@@ -77,6 +77,6 @@ def test_a_second_effect_stands_beside_the_law_that_the_first_was_given(diagnose
     def weighed(m):
         return Weighed(("leakage",), replace(base, problem=base.problem.with_model(m)), 0.0, 0.1, 1e-6)
 
-    both = extended(model, ["leakage", "amplitude_softening"], law_of(weighed(leak)))
+    both = extended(model, ["leakage", "amplitude_softening"], weighed(leak).laws)
     assert set(leak.priors.names) < set(both.priors.names)
-    assert law_of(weighed(plain_leak)) == {}
+    assert weighed(plain_leak).laws == {}

@@ -1,7 +1,8 @@
 """Pairs whose first effect is one that nothing tells from the first that led."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +18,7 @@ class Stub:
     fit: float = 0.0  # what it leaves
     refitted: bool = True
     value: float = math.inf
+    laws: Mapping[str, str] = field(default_factory=dict)
 
 
 def test_what_does_as_well_alone_is_tried_beside_the_best_second_effects(monkeypatch):
@@ -188,7 +190,6 @@ def test_a_mass_that_explains_nothing_alone_gets_no_other_first(monkeypatch):
     """A mass beside friction took forty seconds to be paired with everything, though alone it left all there was."""
     asked = []
     monkeypatch.setattr(further, "extended", lambda model, effects, given: tuple(effects))
-    monkeypatch.setattr(further, "law_of", lambda w: {})
     monkeypatch.setattr(further, "beside_the_second", lambda w, alone, *_: asked.append(alone.effects) or [])
     monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
 
