@@ -60,6 +60,7 @@ def diagnose(
     from ..campaign import load_campaign
     from ..mismatch.diagnosis import DiagnosisSettings
     from ..mismatch.diagnosis import diagnose as run
+    from ..mismatch.hypotheses import parted
     from ..mismatch.store import DIAGNOSIS_FILE, REPORT_FILE, save_diagnosis, terminal_summary
     from ..models.model import build_model
     from ..run_state import checkpoint_for, finished
@@ -68,7 +69,8 @@ def diagnose(
     with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
         given = overrides(prior, priors)
-        structure = build_model(model, given)
+        own, further = parted(model, given)
+        structure = build_model(model, own)
         loaded = load_campaign(campaign, data_root, report=lambda *at: report("reading recordings", *at),
                                scratch=room(memory, scratch))
         with writing(out):
@@ -79,7 +81,7 @@ def diagnose(
                         "inputs": [i["sha256"] for i in loaded.inputs]}
             checkpoint = checkpoint_for(out, identity).with_suffix(".jsonl")
             begin(checkpoint, resume, anew)
-            result = run(loaded, structure, seed, settings, report=report, priors=given, checkpoint=checkpoint)
+            result = run(loaded, structure, seed, settings, report=report, priors=further, checkpoint=checkpoint)
             result.summary["meta"] = dict(loaded.meta)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))

@@ -22,7 +22,7 @@ from .ask import first_experiment, next_experiment
 from .clipped import beyond_reach, restored
 from .features import Features
 from .frame import own_index
-from .hypotheses import NONE, UNKNOWN, unweighed_note
+from .hypotheses import NONE, UNKNOWN, parted, unweighed_note
 from .journal import Journal
 from .judge import Judged, judged, named_fit
 from .laps import Laps
@@ -95,13 +95,15 @@ def diagnose(
     sought again on all recordings, and proved by leaving those to validate out in turn. Raises InputError for input
     that cannot be diagnosed.
 
-    checkpoint: file that keeps what was worked out; the same diagnosis, interrupted, goes on from it to the same
+    priors: of the model's parameters where it is given as a SPEC, and of those of effects that may be added to it, by
+    name. checkpoint: file that keeps what was worked out; the same diagnosis, interrupted, goes on from it to the same
     numbers.
     """
     s = settings or DiagnosisSettings()
     say = report or (lambda *_: None)
     if isinstance(model, str):
-        model = build_model(model, priors)
+        own, priors = parted(model, priors or {})
+        model = build_model(model, own)
     began = time.perf_counter()
     journal = Journal(checkpoint)
     try:

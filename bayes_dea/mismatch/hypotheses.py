@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..models.effects import registered_effects
 from ..models.model import Model, build_model
 from ..models.spec import parse_spec
-from ..priors import prior_folder
+from ..priors import Parameter, Prior, apply_overrides, prior_folder
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
 #: how the reason begins why an effect is not weighed that a structure has no place for
@@ -84,6 +84,23 @@ def effect_priors(names: Sequence[str], campaign: Campaign) -> dict[str, object]
     for name in names:
         out.update(registered_effects()[name].prior_for(campaign))
     return out
+
+
+def parted(
+    model: str, priors: Mapping[str, Parameter | Prior]
+) -> tuple[dict[str, Parameter | Prior], dict[str, Parameter | Prior]]:
+    """Priors of a SPEC's own parameters, and those of effects that may be added to it.
+
+    What neither has stays with the first, where it is refused by its name. Raises InputError for a prior that an
+    effect's parameter cannot have.
+    """
+    known = {p.name for p in build_model(model).parameters}
+    further: dict[str, Parameter | Prior] = {}
+    for effect in registered_effects().values():
+        own = {p.name: priors[p.name] for p in effect.parameters if p.name in priors and p.name not in known}
+        apply_overrides(effect.parameters, own)
+        further |= own
+    return {name: prior for name, prior in priors.items() if name not in further}, further
 
 
 def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:

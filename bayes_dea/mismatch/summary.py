@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..assemble import Assembled
 from ..campaign.schema import Campaign
-from ..models.effects import registered_effects
-from ..models.model import Model
+from ..models.model import Model, build_model
 from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
-from .hypotheses import MAINS, NONE, UNKNOWN, extended
+from .hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
 from .judge import Judged
 from .locate import excess_by, where
 from .name import Naming
@@ -77,6 +76,8 @@ def summarise(
         if shown and "y_max_m" in entry["parameters"]:
             entry["parameters"]["y_max_m"].update(limit_as_shown(naming.weighed[physics[name]].fit))
         hypotheses.append(entry)
+    corrected = _corrected(model, naming, verdict)
+    fitted = naming.weighed.get(physics[verdict], naming.best.weighed).fit.problem.model
     out: dict[str, Any] = {
         "model": model.name,
         "verdict": verdict,
@@ -95,8 +96,8 @@ def summarise(
         "hypotheses": hypotheses,
         "proof": proof_summary(proof, how),
         "next_experiment": ask,
-        "corrected_model": _corrected(model, naming, verdict),
-        "corrected_priors": _corrected_priors(naming, physics[verdict]),
+        "corrected_model": corrected,
+        "corrected_priors": _corrected_priors(corrected, fitted, campaign),
         "adequate": naming.best.adequate,
         "adequacy_p_value": naming.best.scan.p_value,
         "skipped": naming.skipped,
@@ -127,24 +128,21 @@ def _corrected(model: Model, naming: Naming, verdict: str) -> str:
     return mended.name if mended is not None else model.name
 
 
-def _corrected_priors(naming: Naming, physics: str) -> dict[str, str]:
-    """Priors that the corrected model needs beside its SPEC: of an effect whose law is not its plain one.
+def _corrected_priors(corrected: str, fitted: Model, campaign: Campaign) -> dict[str, str]:
+    """Priors that a corrected SPEC needs to be the model that was fitted: those that are not what its files say.
 
-    And of a parameter that this campaign puts beyond what is usual (a delay of two samples at 10 kHz).
+    Of laws of an effect beside its plain one, of what depends on the campaign (how far a sensor within its accuracy may
+    drift), and of what the user said. fitted: the model that was; what the readings showed by themselves is not in it.
     """
-    if physics not in naming.weighed:
-        return {}
-    weighed = naming.weighed[physics]
-    own = {p.name: p.prior for p in weighed.fit.problem.model.parameters}
-    values = weighed.fit.values()
-    beyond = {}
-    for name in weighed.effects:
-        for usual in registered_effects()[name].parameters:
-            n, prior = usual.name, usual.prior
-            ends = prior.family in ("uniform", "loguniform")
-            if ends and n in values and own[n] != prior and not prior.a <= values[n] <= prior.b:
-                beyond[n] = own[n]
-    return {name: str(prior) for name, prior in (beyond | weighed.laws).items()}
+    usual = build_model(corrected)
+    known = {p.name: p.prior for p in fitted.parameters}
+    given = effect_priors(usual.spec.effects, campaign)
+    out = {}
+    for p in usual.parameters:
+        prior = known.get(p.name, given.get(p.name, p.prior))
+        if prior != p.prior:
+            out[p.name] = str(prior)
+    return out
 
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:

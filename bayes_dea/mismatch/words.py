@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 from ..assemble import Assembled
 from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
+from ..models.effects.measured import Measured
 from ..noise.mains import Mains
 from .hypotheses import MAINS, NONE, UNKNOWN
 from .name import Naming
@@ -64,15 +66,12 @@ def statement(
         if partial == NONE:
             return text
         return f"{text} The best partial explanation is {partial}; it does not mend all.{_at_its_end(naming)}"
-    # what the readings show by themselves has its numbers in the hypothesis alone
-    values = {k: v["mean"] for k, v in summary["hypotheses"][0]["parameters"].items()}
+    told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
+    values: dict[str, float] = {k: Measured(v["mean"], v["sd"], v["q05"], v["q95"]) for k, v in told.items()}
     effects: tuple[str, ...] = ()
-    if physics != NONE:
+    if physics != NONE:  # what the readings show by themselves has its numbers in the hypothesis alone
         weighed = naming.weighed[physics]
-        values, effects = {**values, **weighed.fit.values()}, weighed.effects
-        # a limit may be told as the reading that it is (`own_limits`)
-        limit = summary["hypotheses"][0]["parameters"].get("y_max_m", {}).get("map")
-        values = values if limit is None else {**values, "y_max_m": limit}
+        values, effects = {**weighed.fit.values(), **values}, weighed.effects
     parts = []
     for name in verdict.split("+"):
         if name == MAINS and MAINS not in effects:
@@ -84,8 +83,8 @@ def statement(
     text = "; and ".join(parts)
     text = text[0].upper() + text[1:]
     others = [m for m in summary["indistinguishable"] if m != verdict]
-    told = ", ".join(_with_shift(m, (delays_s or {}).get(m)) for m in others)
-    doubt = f" These recordings cannot tell it from {told}." if others else ""
+    rivals = ", ".join(_with_shift(m, (delays_s or {}).get(m)) for m in others)
+    doubt = f" These recordings cannot tell it from {rivals}." if others else ""
     mended = f" With it {numbers}." if numbers else ""
     less = " What it leaves is less than one resolution step and not claimed." if naming.best.below_a_step else ""
     return f"{text} ({confidence}).{mended}{less}{doubt}"
@@ -120,18 +119,40 @@ def _proved(proof: dict[str, Any]) -> str:
 
     An effect within the noise moves the error by less than its digits: what it is worth is said in nats then.
     """
-    if proof["rmse_before_m"] is None or proof["rmse_after_m"] is None:
+    parts = [text for text in (_error(proof, "m", 1e6, "um"), _error(proof, "N", 1e3, "mN")) if text]
+    if not parts:
         return ""
-    n = len(proof["held_out"])
-    where = {"validate": f"the {n} recordings it never saw", "left out in turn": f"{n} recordings left out in turn"}
-    before, after, noise = (1e6 * proof[k] for k in ("rmse_before_m", "rmse_after_m", "noise_m"))
+    text = " and ".join(parts)
+    gain = proof["elpd_gain"] or 0.0
+    if any(" falls " in part or " rises " in part for part in parts) or abs(gain) < _A_NAT:
+        return text
+    return f"{text}; their log predictive density (ELPD) {'gains' if gain > 0.0 else 'loses'} {abs(gain):.3g} nats"
+
+
+def _error(proof: dict[str, Any], unit: str, factor: float, shown: str) -> str:
+    """What becomes of the error on the recordings of one channel; empty without such recordings."""
+    rows = [h for h in proof["held_out"] if f"noise_{unit}" in h]
+    before, after, noise = (
+        _pooled([(h["n"], h[f"{k}_{unit}"]) for h in rows]) for k in ("rmse_before", "rmse_after", "noise")
+    )
+    if not rows or before is None or after is None or noise is None:
+        return ""
+    before, after, noise = factor * before, factor * after, factor * noise
+    n = f"{len(rows)} {'recording' if len(rows) == 1 else 'recordings'}{'' if unit == 'm' else ' of force'}"
+    where = {"validate": f"the {n} it never saw", "left out in turn": f"{n} left out in turn"}
     error = f"the error on {where.get(proof['how'], 'them')}"
     if abs(before - after) > _MOVES * before:
         way = "falls" if after < before else "rises"
-        return f"{error} {way} from {before:.3g} to {after:.3g} um (noise {noise:.3g} um)"
-    gain = proof["elpd_gain"] or 0.0
-    worth = f"; their log predictive density (ELPD) {'gains' if gain > 0.0 else 'loses'} {abs(gain):.3g} nats"
-    return f"{error} stays at {after:.3g} um (noise {noise:.3g} um){worth if abs(gain) >= _A_NAT else ''}"
+        return f"{error} {way} from {before:.3g} to {after:.3g} {shown} (noise {noise:.3g} {shown})"
+    return f"{error} stays at {after:.3g} {shown} (noise {noise:.3g} {shown})"
+
+
+def _pooled(values: list[tuple[int, float | None]]) -> float | None:
+    """Root of the mean of squares of (number of rows, RMS); None where one is not known."""
+    known = [(n, v) for n, v in values if v is not None and math.isfinite(v)]
+    if not known or len(known) < len(values):
+        return None
+    return math.sqrt(sum(n * v * v for n, v in known) / sum(n for n, _ in known))
 
 
 def sentence(note: str) -> str:

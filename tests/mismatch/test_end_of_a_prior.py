@@ -50,3 +50,21 @@ def test_nothing_is_said_of_the_base(absorbing):
     found = absorbing()
     name = found.fit.problem.model.coordinate_names[0]
     assert _at_its_end(Best(replace(found, fit=replace(found.fit, at_bound=(name,))))) == ""
+
+
+def test_a_prior_of_an_effect_that_may_be_added_is_taken(tmp_path):
+    """60 ms of delay are beyond the usual 50; the statement says how to ask for more, and that has to work."""
+    from bayes_dea.errors import InputError
+    from bayes_dea.mismatch.diagnosis import diagnose
+    from bayes_dea.priors import Prior
+
+    campaign = concealed({"acquisition_delay": {"T_d_s": 0.06}})
+    at_end = diagnose(campaign, "hooke+gm3", seed=1).summary
+    assert at_end["verdict"] != "none"
+    more = diagnose(campaign, "hooke+gm3", seed=1, priors={"T_d_s": Prior("uniform", 0.0, 0.2)}).summary
+    assert more["verdict"] == "acquisition_delay"
+    assert more["hypotheses"][0]["parameters"]["T_d_s"]["mean"] == pytest.approx(0.06, abs=1e-3)
+    assert more["corrected_priors"] == {"T_d_s": "uniform(0, 0.2)"}
+    assert "60.0" in more["statement"]
+    with pytest.raises(InputError, match="no such parameter"):
+        diagnose(campaign, "hooke+gm3", priors={"T_q_s": Prior("uniform", 0.0, 0.2)})

@@ -1,17 +1,18 @@
 """What is claimed, given the probabilities."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import verdict as verdicts
-from bayes_dea.mismatch.summary import _corrected_priors
+from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.timing import Shift
 from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
 from bayes_dea.models.model import build_model
-from bayes_dea.priors import Prior, parse_override
+from bayes_dea.priors import parse_override
 
 
 @pytest.fixture
@@ -72,16 +73,27 @@ def test_pairs_that_were_tried_do_not_make_recordings_silent(naming):
     assert silent(replace(naming, visible=naming.visible[:1]))
 
 
-@pytest.mark.parametrize(("delay_s", "given"), [(2e-4, {"T_d_s": "loguniform(5e-07, 0.05)"}), (2e-3, {})])
-def test_a_corrected_model_has_the_prior_of_what_its_usual_one_rules_out(delay_s, given):
-    """Two samples at 10 kHz are a delay, and less than what is usual."""
-    spec = "hooke+gm3+acquisition_delay"
-    model = build_model(spec, {"T_d_s": Prior("loguniform", 5e-7, 0.05)})
-    fit = SimpleNamespace(problem=SimpleNamespace(model=model), values=lambda: {"T_d_s": delay_s})
-    naming = SimpleNamespace(weighed={"acquisition_delay": SimpleNamespace(effects=("acquisition_delay",), fit=fit)})
-    found = _corrected_priors(naming, "acquisition_delay")
-    assert found == given
-    # as calibrate takes it
-    assert dict(parse_override(f"{name}={text}") for name, text in found.items()) == (
-        {"T_d_s": Prior("loguniform", 5e-7, 0.05)} if given else {}
-    )
+@pytest.mark.parametrize("effects", [
+    {"sensor_drift": {"drift_m_per_s": 5e-7}},
+    {"sensor_clipping": {"y_max_m": 1.5e-4, "clip_noise": 1.0}},
+    {"series_resistance": {"R_s_ohm": 1.2e5}},
+], ids=["drift", "clipping", "resistance"])  # fmt: skip
+def test_the_corrected_model_with_its_priors_is_the_one_that_was_fitted(effects):
+    """A drift as large as the sensor's accuracy allows is far beyond the prior file's; calibrate has to know that."""
+    campaign = concealed(effects)
+    result = diagnose(campaign, "hooke+gm3", seed=1)
+    (name,) = effects
+    s = result.summary
+    assert s["verdict"] == name
+    told = dict(parse_override(f"{n}={text}") for n, text in s["corrected_priors"].items())
+    model = build_model(s["corrected_model"], told)
+    fitted = {p.name: p.prior for p in result.corrected.problem.model.parameters}
+    expected = {**{p.name: p.prior for p in model.parameters}, **fitted}
+    for p in model.parameters:
+        assert p.prior.family == expected[p.name].family
+        assert (p.prior.a, p.prior.b) == pytest.approx((expected[p.name].a, expected[p.name].b), rel=1e-5)
+    for n, v in effects[name].items():
+        prior = next((p.prior for p in model.parameters if p.name == n), None)
+        if prior is not None:
+            assert abs(prior.cdf(np.array([prior.to_coordinate(v)]))[0] - 0.5) < 0.4999
+    assert (s["corrected_priors"] == {}) == (name == "series_resistance")
