@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _COSTS = Costs(rest_s=600.0)
 #: what is not known beside the material: the sensor's gain, and the slack before contact over the stack height
 _GAIN_SD, _SLACK_SHARE, _SLACK_STEP = 0.02, 0.02, 0.002
+#: nats from which on an experiment decides between two explanations (20 to 1), and below which it tells nothing
+_DECISIVE, _NOTHING = 3.0, 0.1
 #: of a reading of a channel that nothing was recorded of
 _SIGMA = {"displacement": 4.7e-6, "force": 0.005}
 
@@ -165,7 +167,10 @@ def next_experiment(
         nats = separation(fits[0], fits[1], p, actuator)
         scored.append((nats * 3600.0 / cost_s(p), nats, p))
     rate, nats, p = max(scored, key=lambda s: s[0])
-    worth = "" if nats >= 3.0 else "; no experiment of the menu would be decisive"
+    if nats < _NOTHING:
+        return {"why": f"no experiment of the menu tells {names[0]} from {names[1]} (less than {_NOTHING:.1g} nats)",
+                "recording": {}, "expected_information_nats": nats}  # fmt: skip
+    worth = "" if nats >= _DECISIVE else "; no experiment of the menu would be decisive"
     return {
         "why": f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}",
         "recording": p.stated,

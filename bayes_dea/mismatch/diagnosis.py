@@ -29,15 +29,15 @@ from .laps import Laps
 from .name import Naming
 from .prepare import Prepared, prepared
 from .profile import profiled
-from .prove import HeldOut, proof, unanswered, without_validation
+from .prove import HeldOut, held_out, proof, unanswered, without_validation
 from .reduced import Piece
 from .refit import Fit
-from .reread import held_out_gains
+from .reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .ridge import posterior
 from .search import Report
 from .seen import Seen
 from .sought import sought
-from .summary import Draws, say_clipped, say_gains, say_odd, say_swinging, say_uneven, summarise
+from .summary import ANOTHER, Draws, say_clipped, say_foreign, say_gains, say_odd, say_swinging, say_uneven, summarise
 from .telling import Tell, silence
 from .verdict import silent
 from .words import sentence, small_note
@@ -135,8 +135,11 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
         said = "" if best.small is None else small_note(best.small, best.weighed)
         # a recording of another actuator among those to validate, say
         result = first.sampled() if first.sampled is not None else first
-        note = "; ".join(second.notes) or second_look.kept_note(p_value, said)
-    result.summary["warnings"].insert(0, note)
+        # which has its note already
+        told = [w["recording"] for w in result.summary["mismatch"]["where"] if w["what"].startswith(ANOTHER)]
+        note = "; ".join(n for n in second.notes if not any(n.startswith(name) for name in told))
+        note = note or ("" if told else second_look.kept_note(p_value, said))
+    result.summary["warnings"][:0] = [note] if note else []
     for phase, seconds in (first if result is second else second).summary["seconds_by"].items():
         result.summary["seconds_by"][phase] = result.summary["seconds_by"].get(phase, 0.0) + seconds
     return result
@@ -167,6 +170,10 @@ def _once(
     seen.spoiled(corrected, identify=False)
     clip, scored = _scored(ready, seen, ruling.verdict)
     proved, how = proof(base, corrected, scored, ready.prior, clip, in_turn, lambda *at: say("proving", *at))
+    mended: list[HeldOut] = []
+    if found.terms is not None and how == "validate":
+        held = tuple(p for p in scored if not p.identify)
+        mended = held_out(corrected, found.terms.fit, held, clip, beside=found.terms.added)
     against = None
     if ruling.verdict != UNKNOWN and found.explanation.adequate:
         by_name = {p.name: p for p in seen.pieces}
@@ -181,16 +188,20 @@ def _once(
     ask = _ask(found, lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *found.notes()]
+    foreign: list[Foreign] = []
     if ruling.verdict != UNKNOWN and found.gains is None:
         held = tuple(p for p in scored if not p.identify)
         held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
-        notes += held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
+        foreign = held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
+        notes += [f.note() for f in foreign]
+    if ruling.verdict == UNKNOWN:
+        notes += too_few_for_an_odd_one(base)
     assembled = ready.assembled
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
 
     def told(drawn: Draws | None) -> Diagnosis:
         """All of it in words and numbers; without draws the posterior is Laplace's."""
-        summary = summarise(assembled, found, proved, how, ask, seed, campaign, model, drawn, seen.shown)
+        summary = summarise(assembled, found, proved, how, ask, seed, campaign, model, drawn, seen.shown, mended)
         if how != "validate" and not in_turn:
             summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
@@ -199,6 +210,8 @@ def _once(
             summary["warnings"].append(unweighed)
             summary["statement"] = f"{summary['statement']} {sentence(unweighed)}"
         _say_what_else(summary["mismatch"], ready, seen, found, clip)
+        for one in foreign:
+            say_foreign(summary["mismatch"], one, campaign)
         lap("write")
         summary["seconds"] = sum(lap.seconds.values())
         summary["seconds_by"] = lap.seconds
@@ -267,14 +280,21 @@ def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
     actuator = base.problem.pieces[0].recording.actuator
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
         return first_experiment(base, actuator, tell)
-    fits, names = [], []
-    for name in list(dict.fromkeys(ruling.physics[m] for m in ruling.members))[:2]:
+    fits: list[Fit] = []
+    names: list[str] = []
+    for name in dict.fromkeys(ruling.physics[m] for m in ruling.members):
         fit = base if name == NONE else naming.weighed[name].fit if name in naming.weighed else None
-        if fit is not None:
+        if fit is not None and len(fits) < 2:
             fits.append(fit)
             names.append(name)
+    if ruling.verdict == UNKNOWN:
+        return {"why": "what was left out is on no list, so that no experiment can be told to show it; whether it is "
+                       "there again when the recordings that show it most are repeated would tell whether it is of the "
+                       "actuator", "recording": {}}  # fmt: skip
     if len(fits) < 2:
-        return {"why": "one explanation is left; more of the recordings at hand would sharpen it", "recording": {}}
+        rest = " of those on the list" if UNKNOWN in ruling.members else ""
+        why = f"one explanation{rest} is left; more of the recordings at hand would sharpen it"
+        return {"why": why, "recording": {}}
     return next_experiment(fits, names, actuator, tell)
 
 

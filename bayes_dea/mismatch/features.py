@@ -28,6 +28,7 @@ class Features:
     speed: Array  # mean rate of the input in units of its range a second
     since_edge_s: Array  # inf before the first edge
     jump: Array  # input after the last edge minus before it; 0 before the first
+    span: float  # range of the input: V, or m of position
     frequency_Hz: float  # of the excitation, 0 where none
     phase: Array  # of the excitation in turns, nan outside its periods
     repetition: NDArray[np.int64]  # period of the excitation, -1 outside
@@ -41,7 +42,8 @@ def features(piece: Piece) -> Features:
     u = np.abs(raw) if r.is_voltage else raw
     t, b = r.time_s, piece.blocks
     masked = ~piece.prepared.observed
-    moving = np.gradient(u, t) / max(float(np.ptp(u)), 1e-300)
+    span = float(np.ptp(u))
+    moving = np.gradient(u, t) / max(span, 1e-300)
     last = np.searchsorted(edges, b.start, side="right") - 1
     since = np.full(b.n, np.inf)
     jump = np.zeros(b.n)
@@ -65,6 +67,7 @@ def features(piece: Piece) -> Features:
         block_means(moving, b, masked),
         since,
         jump,
+        span,
         frequency,
         phase,
         repetition,

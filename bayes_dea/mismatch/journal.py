@@ -78,8 +78,12 @@ class Journal:
     def close(self) -> None:
         """No more is kept."""
         file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        if file is None:
+            return
+        file.close()
+        if self._path is not None and not self._known:  # refused before anything was worked out
+            with contextlib.suppress(OSError):
+                self._path.unlink()
 
 
 def digest(*parts: Any) -> str:

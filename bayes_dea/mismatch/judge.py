@@ -16,7 +16,7 @@ from .seen import Seen
 from .swinging import Swinging, swinging
 from .timing import timing_note
 from .uneven import Uneven, uneven_scatter
-from .unknown import repair
+from .unknown import Terms, repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
 from .words import small_note
 
@@ -37,7 +37,8 @@ class Judged:
     uneven: Uneven | None  # recordings scatter unlike each other at rest
     swings: Swinging | None
     gains: Gains | None
-    mended: dict[str, Any] | None  # of what is unknown: what its best partial explanation repairs
+    mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
+    terms: Terms | None  # beside its best partial explanation
 
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
@@ -67,11 +68,14 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    mended = None
+    mended, terms = None, None
     if ruling.verdict == UNKNOWN:
         # where the best explanation leaves nothing, it is this that no physics explains
         strangest = (swings or gains) if best.adequate else None
-        mended = repair(best, looks) if strangest is None else strangest.repair(best.weighed.name)
+        if strangest is None:
+            mended, terms = repair(best, looks, ready.prior)
+        else:
+            mended = strangest.repair(best.weighed.name)
     corrected = base if ruling.named == NONE else named_fit(naming, ruling.named)
     explanation = naming.none if ruling.named == NONE else best
     explained = corrected
@@ -92,6 +96,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         swings=swings,
         gains=gains,
         mended=mended,
+        terms=terms,
     )
 
 

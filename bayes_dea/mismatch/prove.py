@@ -8,6 +8,7 @@ their priors anew, and count by what the others make of them. What the others do
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from .weigh import widths_of
 from .whitening import whiten
 
 Array = NDArray[np.float64]
+Beside = Callable[[Piece, Array, Array], tuple[Array, Array]]
 #: width, in sds of its prior, from which on the other recordings say nothing of a parameter, and draws from that prior
 _UNTOLD, _PRIOR_DRAWS = 0.5, 32
 
@@ -157,11 +159,13 @@ def _draws(fit: Fit, q: Array, untold: NDArray[np.int64]) -> tuple[list[Array], 
 
 
 def held_out(
-    before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf, tell: Tell = silence
+    before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf, tell: Tell = silence,
+    beside: Beside | None = None,
 ) -> list[HeldOut]:
     """Score pieces under two fits, each with its own offset, gain and mains line.
 
-    limit_m: end of the displacement sensor's range, which the second fit takes into account.
+    limit_m: end of the displacement sensor's range, which the second fit takes into account; beside: from its
+    predictions (n,) and block means (nb,) of a piece to those that are scored.
     """
     fits, rows, means = [], [], []
     for k, unseen in enumerate((before, after)):
@@ -171,6 +175,9 @@ def held_out(
         fits.append(fit)
         rows.append(problem.rows(fit.q))
         means.append(problem.clean(fit.q))
+    if beside is not None:
+        both = [beside(p, x, m) for p, x, m in zip(pieces, rows[1], means[1], strict=True)]
+        rows[1], means[1] = [x for x, _ in both], [m for _, m in both]
     out = []
     for i, piece in enumerate(pieces):
         scored = []

@@ -207,10 +207,38 @@ def odd_note(r: Rereading) -> str:
     )
 
 
-def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> list[str]:
-    """Warnings for recordings to validate whose size does not fit the actuator of the others."""
+def too_few_for_an_odd_one(fit: Fit) -> list[str]:
+    """What to say of voltage recordings that are too few for one of another actuator to be told; nothing otherwise."""
+    count = sum(p.channel == "displacement" for p in fit.problem.pieces)
+    if not 1 < count <= _LEAST_LEFT:
+        return []
+    return [
+        f"with {count} voltage recordings to identify it cannot be told whether one of them is of another actuator, "
+        f"which would look like this, too: give {_LEAST_LEFT + 1} or more the role identify to have that looked for"
+    ]
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """A recording to validate that is not of the actuator of the others: its displacement over what these expect."""
+
+    recording: str
+    ratio: float
+    se: float
+
+    def note(self) -> str:
+        """One line that names it."""
+        return (
+            f"{self.recording}: this recording does not belong to the actuator of the others: its displacement is "
+            f"{self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect; check what it was recorded "
+            "on"
+        )
+
+
+def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> list[Foreign]:
+    """Recordings to validate whose size does not fit the actuator of the others."""
     used = [p for p in fit.problem.pieces if p.channel == "displacement"]
-    out: list[str] = []
+    out: list[Foreign] = []
     unseen = [p for p in held if p.channel == "displacement"]
     if len(used) < _LEAST_LEFT or not unseen:
         return out
@@ -218,10 +246,7 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
     se = _spread(found[: len(used)])
     for piece, ratio in zip(unseen, found[len(used) :], strict=True):
         if abs(ratio - 1.0) > max(_DIFFERENT, 8.0 * se):
-            out.append(
-                f"{piece.name}: this recording does not belong to the actuator of the others: its displacement is "
-                f"{ratio:.3f} +- {se:.3f} times what they lead to expect; check what it was recorded on"
-            )
+            out.append(Foreign(piece.name, ratio, se))
     return out
 
 

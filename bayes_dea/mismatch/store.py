@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shlex
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
@@ -11,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..experiments.words import recording_in_words
-from ..results import not_said, write_bytes, write_json
+from ..results import not_said, retire, write_bytes, write_json
 from .diagnosis import Diagnosis
+from .go_on import calibrate_command
 from .hypotheses import UNKNOWN
 from .pictures import picture_data
 
@@ -34,6 +36,7 @@ def save_diagnosis(
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **picture_data(result))  # type: ignore[arg-type]
     write_bytes(out / DATA_FILE, buffer.getvalue())
+    retire(out / REPORT_FILE)
     write_json(out / DIAGNOSIS_FILE, result.summary)
     write_diagnosis_page(out, report)
     return out
@@ -53,9 +56,20 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     if ask.get("recording"):
         what = recording_in_words(ask["recording"], "+-")
         lines += ["", *textwrap.wrap(f"Next experiment: {what}; {ask['why']}", 78)]
+    command = calibrate_command(summary)
+    if command:
+        lines += ["", "To go on with it:", *_command(command)]
     for warning in not_said(summary):
         lines += textwrap.wrap(f"Warning: {warning}", 78, subsequent_indent="  ")
     return "\n".join(lines)
+
+
+def _command(command: str) -> list[str]:
+    """A command over lines that a shell joins again."""
+    kept = " ".join(shlex.quote(word).replace(" ", "\0") for word in shlex.split(command))
+    lines = textwrap.wrap(kept, _WIDTH - 6, break_long_words=False, break_on_hyphens=False)
+    lines = [line.replace("\0", " ") for line in lines]
+    return [f"  {line}{end}" for line, end in zip(lines, [" \\"] * (len(lines) - 1) + [""], strict=True)]
 
 
 def _hypothesis(h: dict[str, Any]) -> list[str]:

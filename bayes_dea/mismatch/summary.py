@@ -25,13 +25,17 @@ from .own_limits import limit_as_shown
 from .prove import HeldOut
 from .reduced import Piece
 from .refit import Fit
-from .reread import Rereading
+from .reread import Foreign, Rereading
 from .swinging import Swinging
 from .uneven import Uneven
 from .verdict import silent
 from .words import silent_note, statement
 
 Array = NDArray[np.float64]
+#: what the proof says of a repair beside the best partial explanation
+_OF_REPAIR = ("rmse_before_m", "rmse_after_m", "elpd_gain", "elpd_gain_se")
+#: how what is said of a recording of another actuator begins
+ANOTHER = "of another actuator"
 #: places (n, k) of the parameters that effects add, in their coordinates and order, and weights (n,)
 Draws = tuple[Array, Array]
 
@@ -47,8 +51,10 @@ def summarise(
     model: Model,
     drawn: Draws | None = None,
     shown: bool = False,
+    mended: Sequence[HeldOut] = (),
 ) -> dict[str, Any]:
-    """drawn: posterior of the verdict's own parameters; shown: the end of the sensor's range is a reading."""
+    """drawn: posterior of the verdict's own parameters; shown: the end of the sensor's range is a reading; mended: what
+    the terms of a repair do beside the best partial explanation."""
     naming, looks, facts = judged.naming, judged.looks, judged.facts
     verdict, p, physics = judged.ruling.verdict, judged.ruling.probability, judged.ruling.physics
     members = judged.ruling.members
@@ -109,6 +115,9 @@ def summarise(
     }
     if judged.mended is not None:
         out["repair"] = judged.mended
+    if mended:
+        whole = proof_summary(list(mended), how)
+        out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR}
     out["statement"] = statement(out, naming, assembled, physics[verdict], judged.ruling.delays_s)
     if silent(naming):
         note = silent_note(out)
@@ -146,10 +155,18 @@ def _corrected_priors(corrected: str, fitted: Model, campaign: Campaign) -> dict
 
 
 def say_odd(mismatch: dict[str, Any], odd: Rereading, campaign: Campaign) -> None:
-    """Put a recording of another actuator into the "mismatch" of a summary."""
-    excess = abs(odd.ratio - 1.0) / max(odd.ratio_se, 5e-4)
-    p_value = math.erfc(excess / math.sqrt(2))
-    _say_of_whole(mismatch, campaign, str(odd.odd), "of another actuator: left out", p_value, excess)
+    """Put a recording of another actuator, which was left out, into the "mismatch" of a summary."""
+    _say_foreign(mismatch, campaign, Foreign(odd.odd, odd.ratio, odd.ratio_se), f"{ANOTHER}: left out")
+
+
+def say_foreign(mismatch: dict[str, Any], foreign: Foreign, campaign: Campaign) -> None:
+    """Put one to validate into it."""
+    _say_foreign(mismatch, campaign, foreign, ANOTHER)
+
+
+def _say_foreign(mismatch: dict[str, Any], campaign: Campaign, foreign: Foreign, what: str) -> None:
+    excess = abs(foreign.ratio - 1.0) / max(foreign.se, 5e-4)
+    _say_of_whole(mismatch, campaign, foreign.recording, what, math.erfc(excess / math.sqrt(2)), excess)
 
 
 def say_uneven(mismatch: dict[str, Any], uneven: Uneven, campaign: Campaign) -> None:

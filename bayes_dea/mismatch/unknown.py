@@ -1,19 +1,33 @@
-"""What can be said of a mismatch that nothing on the list explains: where it lives and what it looks like."""
+"""What can be said of a mismatch that nothing on the list explains: where it lives and what it looks like.
+
+Linear terms beside the best partial explanation, learned on the recordings to identify; what they are worth is seen on
+those that they were not learned from (`prove`).
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .features import Features
+from .discrepancy import AMPLITUDES_M
+from .features import Features, features
 from .locate import residuals
 from .name import Explanation
+from .noise_prior import NoisePrior
+from .reduced import Piece
+from .refit import Fit, refit
+from .size import stiffness
+from .whitening import whiten_columns
 
+Array = NDArray[np.float64]
 #: terms that are tried: name, stage, what they act on
 _TERMS = (
-    ("V^2", "electrostatic", "voltage"),
     ("V^4", "electrostatic", "voltage"),
     ("displacement^2", "mechanical", "strain"),
     ("rate of the command", "mechanical", "strain rate"),
@@ -26,71 +40,191 @@ _TERMS = (
 )
 
 
-def repair(best: Explanation, looks: list[Features]) -> dict[str, Any]:
-    """Linear terms beside the best fit, chosen by stepwise evidence (BIC), each with its size.
+#: how many terms are taken, and what each has to bring beyond log n of squares of residuals: it is one of ten
+_MOST, _BEYOND = 4, 4.0
+
+
+#: time after an edge (s) in which a command has no rate, and ranges a second from which on it goes up or down
+_JUMPED_S, _MOVES = 0.003, 0.02
+#: share of a term that has to be left of it once the fit has moved; what it takes up has nothing to say
+_ABSORBED = 0.2
+#: sd (m) of the prior of a term: what discrepancies may come to; without one terms that are nearly alike take each
+#: other's place by the millimetre
+_TERM_SD_M = float(AMPLITUDES_M[-1])
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What terms are of order one by: the largest input, output (m or N) and duration (s) of the recordings fitted."""
+
+    level: float
+    output: float
+    span_s: float
+
+    @staticmethod
+    def of(pieces: Sequence[Piece], looks: Sequence[Features], clean: Sequence[Array], channel: str) -> Reach:
+        """Of the recordings of one channel."""
+        own = [i for i, p in enumerate(pieces) if p.channel == channel]
+        return Reach(
+            max(float(np.max(np.abs(looks[i].level))) for i in own) or 1.0,
+            max(float(np.max(np.abs(clean[i]))) for i in own) or 1.0,
+            max(float(np.ptp(pieces[i].recording.time_s)) for i in own) or 1.0,
+        )
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Linear terms beside a fit, in the unit of a channel's readings; the fit has moved along with them."""
+
+    fit: Fit
+    channel: str
+    reach: Reach
+    coefficients: Array  # (terms,), 0 of those that were not chosen
+
+    def by_block(self, piece: Piece, look: Features, clean: Array) -> Array:
+        """What they add to the predicted block means (nb,) of a recording, the sensor's gain taken out."""
+        if piece.channel != self.channel:
+            return np.zeros(clean.size)
+        _, gains = self.fit.problem.beside(self.fit.q)
+        return np.asarray(self.coefficients @ _shapes(look, clean, self.reach)) / (1.0 + float(gains[piece.group]))
+
+    def added(self, piece: Piece, rows: Array, clean: Array) -> tuple[Array, Array]:
+        """Predictions (n,) and block means (nb,) of a recording with them."""
+        look = features(piece)
+        beside = self.by_block(piece, look, clean)
+        return rows + np.interp(piece.recording.time_s, look.time_s, beside), clean + beside
+
+
+def _shapes(f: Features, clean: Array, reach: Reach) -> Array:
+    """The terms (terms, nb) of a recording, each of order one."""
+    v, x = f.level / reach.level, clean / reach.output
+    since = np.where(np.isfinite(f.since_edge_s), f.since_edge_s, 1e9)
+    # a jump has no rate; it is an edge
+    speed = np.where(since < _JUMPED_S, 0.0, f.speed) * f.span / reach.level
+    jump = f.jump / reach.level
+    return np.stack(
+        [
+            v**4,
+            x**2,
+            speed,
+            np.abs(speed),
+            (since < 0.03) * jump,
+            ((since >= 0.03) & (since < 1.0)) * jump,
+            ((since >= 1.0) & (since < 1e8)) * jump,
+            (f.time_s - f.time_s[0]) / reach.span_s,
+            np.sign(np.where(np.abs(f.speed) > _MOVES, f.speed, 0.0)),
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Whitened residuals on whitened terms, by recording: Gram (recordings, K, K), products, squares."""
+
+    gram: Array
+    cross: Array  # (recordings, K)
+    squares: Array  # (recordings,)
+    sd: float  # of the prior of a coefficient
+
+    @staticmethod
+    def of(A: Array, e: Array, start: NDArray[np.int64], sd: float) -> Regression:
+        """Of columns A (n, K) and residuals e (n,); start: of each recording, and their end."""
+        parts = [(A[i:j], e[i:j]) for i, j in pairwise(start)]
+        return Regression(
+            np.array([a.T @ a for a, _ in parts]),
+            np.array([a.T @ r for a, r in parts]),
+            np.array([r @ r for _, r in parts]),
+            sd,
+        )
+
+    def solved(self, chosen: Sequence[int], without: int = -1) -> tuple[Array, Array]:
+        """Coefficients (k,) of some terms and their covariance (k, k); without: a recording that is left out."""
+        at = list(chosen)
+        kept = np.arange(self.squares.size) != without
+        H = self.gram[kept].sum(axis=0)[np.ix_(at, at)] + np.eye(len(at)) / self.sd**2
+        cov = np.linalg.pinv(H, hermitian=True)
+        return cov @ self.cross[kept].sum(axis=0)[at], cov
+
+    def misfit(self, chosen: Sequence[int], within: int = -1, without: int = -1) -> float:
+        """Sum of squares of what is left, of all recordings or within one, by coefficients learned without one."""
+        at = list(chosen)
+        of = slice(None) if within < 0 else slice(within, within + 1)
+        if not at:
+            return float(self.squares[of].sum())
+        c, _ = self.solved(at, without)
+        G, b = self.gram[of].sum(axis=0)[np.ix_(at, at)], self.cross[of].sum(axis=0)[at]
+        return float(self.squares[of].sum() - 2.0 * c @ b + c @ G @ c)
+
+    def misfit_elsewhere(self, chosen: Sequence[int]) -> float:
+        """The same over all recordings, each by coefficients that were learned from the others."""
+        return sum(self.misfit(chosen, i, i) for i in range(self.squares.size))
+
+
+def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple[dict[str, Any], Terms | None]:
+    """Linear terms beside the best fit, each with its size.
+
+    They are chosen one after the other by what they explain of recordings that they were not learned from, each left
+    out in turn: one that follows what its own recording happens to show is no repair.
 
     Returns the "repair" of diagnosis.json: the stage most of the mismatch lives in, what it acts on, a form in words,
-    and the terms in m (sd from the regression, inclusion probability from the difference in BIC).
+    and the terms in m (N where only forces were read; sd from the regression, inclusion probability from the difference
+    in BIC); and the terms themselves, None where none was chosen.
     """
     fit = best.weighed.fit
     res = residuals(fit)
-    columns = []
-    for i, (piece, f) in enumerate(zip(fit.problem.pieces, looks, strict=True)):
-        v = f.level / max(float(np.max(np.abs(f.level))), 1e-300)
-        since = np.where(np.isfinite(f.since_edge_s), f.since_edge_s, 1e9)
-        x = fit.clean[i] / max(float(np.max(np.abs(fit.clean[i]))), 1e-300)
-        t = np.linspace(0, 1, v.size)
-        own = np.stack(
-            [
-                v**2,
-                v**4,
-                x**2,
-                f.speed,
-                np.abs(f.speed),
-                (since < 0.03) * np.sign(f.jump),
-                ((since >= 0.03) & (since < 1.0)) * np.sign(f.jump),
-                ((since >= 1.0) & (since < 1e8)) * np.sign(f.jump),
-                t,
-                np.sign(np.where(np.abs(f.speed) > 0.02, f.speed, 0.0)),
-            ]
-        )
-        sigma, _ = fit.noise.of(piece)
-        columns.append(own * np.sqrt(piece.blocks.count) / sigma)
-    A = res.project(res.spread(columns))
-    e = res.e
+    pieces = fit.problem.pieces
+    channel = "displacement" if any(p.channel == "displacement" for p in pieces) else "force"
+    unit, factor, shown = ("m", 1e6, "um") if channel == "displacement" else ("N", 1e3, "mN")
+    reach = Reach.of(pieces, looks, fit.clean, channel)
+    sd = _TERM_SD_M * (1.0 if channel == "displacement" else stiffness(fit, pieces[0]))
+    shapes = [_shapes(f, x, reach) if p.channel == channel else np.zeros((len(_TERMS), x.size))
+              for p, f, x in zip(pieces, looks, fit.clean, strict=True)]  # fmt: skip
+    whole = res.spread([whiten_columns(p, own, fit.noise)[0] for p, own in zip(pieces, shapes, strict=True)])
+    A = res.project(whole)
+    tells = np.linalg.norm(A, axis=0) > _ABSORBED * np.linalg.norm(whole, axis=0)
+    found = Regression.of(A, res.e, res.start, sd)
     chosen: list[int] = []
-    left = float(e @ e)
-    for _ in range(4):
-        scores = []
-        for k in range(A.shape[1]):
-            if k in chosen:
-                continue
-            B = A[:, [*chosen, k]]
-            c, *_ = np.linalg.lstsq(B, e, rcond=1e-10)
-            scores.append((float(np.sum((e - B @ c) ** 2)), k))
-        rest, k = min(scores)
-        if left - rest < math.log(e.size) + 4.0:
+    left = found.misfit_elsewhere(())
+    for _ in range(_MOST):
+        scores = [(found.misfit_elsewhere((*chosen, k)), k) for k in map(int, np.flatnonzero(tells)) if k not in chosen]
+        rest, k = min(scores, default=(left, -1))
+        if left - rest < math.log(res.e.size) + _BEYOND:
             break
         chosen.append(k)
         left = rest
+    told = {"stage": "unknown", "acts_on": "no term that was tried", "form": "no simple form",
+            "terms": [], "partial": best.weighed.name}  # fmt: skip
+    if not chosen:
+        return told, None
+    c, cov = found.solved(chosen)
     terms: list[dict[str, Any]] = []
-    if chosen:
-        B = A[:, chosen]
-        c, *_ = np.linalg.lstsq(B, e, rcond=1e-10)
-        cov = np.linalg.pinv(B.T @ B)
-        for n, k in enumerate(chosen):
-            others = A[:, [j for j in chosen if j != k]]
-            without = e - others @ np.linalg.lstsq(others, e, rcond=1e-10)[0] if others.shape[1] else e
-            gain = 0.5 * (float(without @ without) - left) - 0.5 * math.log(e.size)
-            terms.append(
-                {
-                    "term": _TERMS[k][0],
-                    "mean": float(c[n]),
-                    "sd": math.sqrt(max(float(cov[n, n]), 0.0)),
-                    "unit": "m",
-                    "inclusion_probability": 1.0 / (1.0 + math.exp(-min(max(gain, -50.0), 50.0))),
-                }
-            )
-    stage, acts = (_TERMS[chosen[0]][1], _TERMS[chosen[0]][2]) if chosen else ("unknown", "no term that was tried")
-    words = " + ".join(f"{t['mean'] * 1e6:.2g} um x ({t['term']})" for t in terms) or "no simple form"
-    return {"stage": stage, "acts_on": acts, "form": words, "terms": terms, "partial": best.weighed.name}
+    for n, k in enumerate(chosen):
+        gain = found.misfit([j for j in chosen if j != k]) - found.misfit(chosen) - math.log(res.e.size)
+        terms.append(
+            {
+                "term": _TERMS[k][0],
+                "mean": float(c[n]),
+                "sd": math.sqrt(max(float(cov[n, n]), 0.0)),
+                "unit": unit,
+                "inclusion_probability": 1.0 / (1.0 + math.exp(-min(max(0.5 * gain, -50.0), 50.0))),
+            }
+        )
+    words = " + ".join(f"{t['mean'] * factor:.2g} {shown} x ({t['term']})" for t in terms)
+    _, stage, acts = _TERMS[chosen[0]]
+    coefficients = np.zeros(len(_TERMS))
+    coefficients[chosen] = c
+    return {**told, "stage": stage, "acts_on": acts, "form": words, "terms": terms}, _moved_along(
+        Terms(fit, channel, reach, coefficients), looks, prior
+    )
+
+
+def _moved_along(terms: Terms, looks: list[Features], prior: NoisePrior) -> Terms:
+    """The same with the fit refitted to what they leave of the readings."""
+    fit = terms.fit
+    pieces = [
+        replace(p, y=p.y - (1.0 + float(fit.problem.beside(fit.q)[1][p.group])) * terms.by_block(p, f, x))
+        for p, f, x in zip(fit.problem.pieces, looks, fit.clean, strict=True)
+    ]
+    beside = replace(fit.problem, pieces=tuple(pieces))
+    found = refit(beside, fit.q, fit.noise, prior, fit_noise=False, coarse=True, known=fit.linearisation)
+    return terms if found is None else replace(terms, fit=replace(fit, q=found.q))

@@ -62,10 +62,11 @@ def statement(
         lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
         if fix.get("stage") in (None, "unknown"):
             lives = "its form does not tell in which stage it lives"
-        text = f"Something was left out that is not on the list ({confidence}): {lives}."
-        if partial == NONE:
-            return text
-        return f"{text} The best partial explanation is {partial}; it does not mend all.{_at_its_end(naming)}"
+        text = f"Something was left out that is not on the list ({confidence}): {lives}.{_shown_most(summary)}"
+        if partial != NONE:
+            part = f" The best partial explanation is {partial}; it does not mend all"
+            text += f"{part}{f': {numbers}' if numbers else ''}.{_at_its_end(naming)}"
+        return text + _carries_over(fix, proof)
     told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
     values: dict[str, float] = {k: Measured(v["mean"], v["sd"], v["q05"], v["q95"]) for k, v in told.items()}
     effects: tuple[str, ...] = ()
@@ -88,6 +89,27 @@ def statement(
     mended = f" With it {numbers}." if numbers else ""
     less = " What it leaves is less than one resolution step and not claimed." if naming.best.below_a_step else ""
     return f"{text} ({confidence}).{mended}{less}{doubt}"
+
+
+def _shown_most(summary: dict[str, Any]) -> str:
+    """Where a mismatch is seen most clearly; empty where no interval is."""
+    if not summary["mismatch"]["where"]:
+        return ""
+    w = max(summary["mismatch"]["where"], key=lambda w: w["excess"])
+    return f" {w['recording']} shows it most, from {w['t_start_s']:.3g} to {w['t_end_s']:.3g} s ({w['what']})."
+
+
+def _carries_over(fix: Mapping[str, Any], proof: dict[str, Any]) -> str:
+    """The form of a repair, and whether it holds on recordings that it was not learned from."""
+    tried = proof.get("repair")
+    if not fix.get("terms") or tried is None or tried["elpd_gain"] is None:
+        return ""
+    if tried["elpd_gain"] > 0.0:
+        return (
+            f" Beside it, {fix['form']} gains {tried['elpd_gain']:.3g} nats of log predictive density (ELPD) on the "
+            "recordings that it never saw."
+        )
+    return f" What is left beside it looks like {fix['form']}, but not on the recordings that it never saw."
 
 
 def _at_its_end(naming: Naming) -> str:

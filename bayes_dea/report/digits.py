@@ -13,6 +13,8 @@ _PREFIX = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"
 # largest exponent that reads well: nobody says kiloseconds or megametres
 _LARGEST = {"Pa": 12, "N": 6, "V": 6, "Hz": 9, "ohm": 12, "A": 3, "F": 0, "W": 9, "J": 9, "m": 0, "s": 0}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_POWER = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_PLAIN_POWER = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _UNITS_IN_TEXT = re.compile(r"(?<=\d )(um|us|[kMG]?ohm)\b")
 _ASCII = {
     "µ": "u",
@@ -20,7 +22,6 @@ _ASCII = {
     "–": "-",
     "—": "-",
     "χ": "chi",
-    "²": "^2",
     "×": "x",
     "±": "+-",
     "σ": "sigma",
@@ -115,11 +116,13 @@ def percent(value: Any, decimals: int = 1) -> str:
 
 def page_text(text: str) -> str:
     """A text that was written for terminals, with its units as a page writes them: 2.39 µm, 133 kΩ."""
+    text = text.replace(" +- ", " ± ")
     return _UNITS_IN_TEXT.sub(lambda m: m[0].replace("u", "µ").replace("ohm", "Ω"), text)
 
 
 def ascii_text(text: str) -> str:
     """The same text for a terminal of any encoding."""
+    text = _POWER.sub(lambda m: f"^{m[0].translate(_PLAIN_POWER)}", text)
     for sign, plain in _ASCII.items():
         text = text.replace(sign, plain)
     return text.encode("ascii", "replace").decode("ascii")

@@ -75,6 +75,16 @@ def test_a_journal_keeps_every_digit_and_survives_a_cut(tmp_path):
     assert Journal(file)["c"] == 1
 
 
+def test_a_journal_of_nothing_leaves_no_file(tmp_path):
+    file = tmp_path / "j.jsonl"
+    Journal(file).close()
+    assert not file.exists()
+    j = Journal(file)
+    j.put("a", 1)
+    j.close()
+    assert file.exists()
+
+
 def test_a_digest_depends_on_every_part_and_not_on_the_make_of_a_number():
     a = np.arange(3.0)
     assert digest(1.5, [a], {"x": 2.0}) == digest(np.float64(1.5), (a.copy(),), {"x": np.float64(2.0)})

@@ -93,7 +93,7 @@ def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it(
 
     def look(against, small):
         summary = {"verdict": "amplitude_softening", "adequate": True, "corrected_priors": {}, "warnings": [],
-                   "seconds_by": {}}  # fmt: skip
+                   "seconds_by": {}, "mismatch": {"where": []}}  # fmt: skip
         naming = SimpleNamespace(best=SimpleNamespace(weighed=claimed, small=small))
         return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against, sampled=None)
 
@@ -117,7 +117,13 @@ def test_a_recording_of_another_actuator_among_those_to_validate_is_named():
               if r.name == "triangle_1Hz.csv" else r for r in c.recordings]
     s = diagnose(with_roles(replace(c, recordings=tuple(shrunk)), {"triangle_1Hz.csv"}), "hooke+gm3").summary
     assert s["verdict"] == "none"
-    assert "triangle_1Hz.csv: this recording does not belong to the actuator of the others" in s["warnings"][0]
+    notes = [w for w in s["warnings"] if "does not belong to the actuator of the others" in w]
+    assert len(notes) == 1
+    assert notes[0].startswith("triangle_1Hz.csv: ")
+    # no all-clear: the page says what is wrong in the colour of what is to be checked
+    assert s["mismatch"]["detected"]
+    assert s["mismatch"]["in_readings"]
+    assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
 def test_a_mechanical_recording_to_validate_has_its_own_position_of_contact():

@@ -5,9 +5,14 @@ from pathlib import Path
 import pytest
 from report_samples import Make
 
+from bayes_dea.report.digits import ascii_text
 from bayes_dea.report.summary import terminal_summary
 from bayes_dea.report.verdict import verdict
 from bayes_dea.results import read_json
+
+
+def test_powers_of_ten_are_told_to_any_terminal():
+    assert ascii_text("2.2×10⁻⁷ m² ± 3×10⁵") == "2.2x10^-7 m^2 +- 3x10^5"
 
 
 def test_it_says_what_matters_in_80_columns(result: Path) -> None:
