@@ -296,7 +296,7 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
     rng = _rng(seed, 2)
     plan = _plan(seed)
     group, names = _names(rng, kind)
-    late_s = _late_s(_rng(seed, 8), names)
+    plan = replace(plan, faults=replace(plan.faults, displacement_late_s=_late_s(_rng(seed, 8), names)))
     effects: dict[str, dict[str, float]] = {}
     sizes: dict[str, Size] = {}
     if names:
@@ -318,7 +318,7 @@ def draw_case(seed: int, kind: str | None = None) -> Case:
         if "series_resistance" in effects and "leakage" in effects:
             effects["leakage"]["R_s_ohm"] = effects["series_resistance"]["R_s_ohm"]
         sizes["all"] = probe.size(effects) if len(names) > 1 else sizes[names[0]]
-    plan = replace(plan, effects=effects, faults=replace(plan.faults, displacement_late_s=late_s))
+    plan = replace(plan, effects=effects)
     return Case(seed, truth_name(effects), f"hooke+gm{len(plan.material.k_Pa)}", plan.effects, plan, sizes)
 
 

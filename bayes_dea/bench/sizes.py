@@ -2,8 +2,8 @@
 
 Each recording is probed on few rows, without noise, dense after edges. The difference that the effect makes is
 projected on what the plain model can mend: moduli and time constants, the sensor's gain, an offset of each recording,
-the position of contact. What remains, as RMS over the recording, is the size; linear, so rough where an effect is
-strong.
+the position of contact, and when the readings were taken where that is not at their command. What remains, as RMS over
+the recording, is the size; linear, so rough where an effect is strong.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ _DENSE_ROWS = 250
 _LONGEST_S = 1.0
 #: share of a parameter by which sensitivities are taken
 _STEP = 1e-3
+#: delay (s) by which its sensitivity is taken
+_LATE_S = 1e-4
 #: a size need not be known to the nanometre
 _ROUGHNESS = 20.0
 #: where the plates touch
@@ -107,6 +109,9 @@ class Probe:
                               if isinstance(r.recording.protocol, Creep | Wave)), default=0.0)
         columns = [self._flat(self._changed(material)) for material in self._materials()]
         columns.append(self._flat([a if self._electric(i) else 0.0 * a for i, a in enumerate(self._plain)]))
+        if plan.faults.displacement_late_s != 0.0:  # a fit has to allow for that
+            late = self._answers(checked({"acquisition_delay": {"T_d_s": _LATE_S}}))
+            columns.append(self._flat([a - b for a, b in zip(late, self._plain, strict=True)]))
         for i in range(len(self._rows)):
             if not self._electric(i):
                 moved = [0.0 * a for a in self._plain]

@@ -11,22 +11,31 @@ from typing import Any
 
 import numpy as np
 
+DELAY = "acquisition_delay"
+
 
 def lead_of(case: Any, campaign: Any, result: Any) -> float | None:
     """Nats of log evidence by which the truth leads the best rival that was weighed ("none" is one of them).
 
-    Hypotheses that hold the truth and more are no rivals. None where nothing, or nothing on the list, is concealed, or
+    Hypotheses that hold the truth and more are no rivals. Readings that stand beside their command are part of what is
+    true, and of every rival. None where nothing, or nothing on the list, is concealed, or
     where the true values cannot be fitted.
     """
     truth = set(case.truth.split("+"))
     if truth & {"none", "unknown"} or set(case.effects) != truth:
         return None
     weighed = {k: v for k, v in result.naming.log_evidence.items() if k != "unknown"}
-    own = [v for k, v in weighed.items() if set(k.split("+")) == truth]
+    whole = truth | _timing(case)
+    own = [v for k, v in weighed.items() if set(k.split("+")) == whole]
     fitted = _from_the_truth(case, campaign, result)
     own += [] if fitted is None else [fitted]
     rivals = [v for k, v in weighed.items() if not truth <= set(k.split("+"))]
     return max(own) - max(rivals) if own and rivals else None
+
+
+def _timing(case: Any) -> set[str]:
+    """The delay by which readings stand beside their command in a case, be it early or late."""
+    return {DELAY} if case.plan.faults.displacement_late_s else set()
 
 
 def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
@@ -38,20 +47,22 @@ def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     from bayes_dea.priors import Prior
 
     base = result.base
-    names = case.truth.split("+")
+    late_s = case.plan.faults.displacement_late_s
+    names = [*case.truth.split("+"), *_timing(case)]
+    known = {**case.parameters, **({"T_d_s": late_s} if late_s else {})}
     # a law that stands still unless asked for (a leak that the field activates) acts where the truth has it
     laws = {
         parameter: prior
         for n in names
         for parameter, prior in VARIANTS.get(n, {}).items()
-        if case.parameters.get(parameter)
+        if known.get(parameter) and (parameter != "T_d_s" or late_s < 0.0)
     }
     counts = {COUNTED[n]: Prior("fixed", case.parameters["elements"]) for n in names if n in COUNTED}
     model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws, **counts})
     if model is None:
         return None
     fixed = model.priors.fixed
-    true = {p.name: np.array([fixed.get(p.name, case.parameters.get(p.name, np.nan))]) for p in model.parameters}
+    true = {p.name: np.array([fixed.get(p.name, known.get(p.name, np.nan))]) for p in model.parameters}
     if not all(np.isfinite(v[0]) for v in true.values()):
         return None
     z = model.from_prior_coordinates(model.priors.to_coordinates(true))[0]

@@ -4,6 +4,7 @@ import json
 import time
 import tomllib
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -239,3 +240,14 @@ def test_a_case_takes_less_than_five_seconds() -> None:
         rows = sum(c["time_s"].size for _, c in case_campaign(case))
         assert time.process_time() - begin < 5.0, kind
         assert rows > 300_000
+
+
+def test_a_size_is_what_a_shift_of_the_readings_does_not_mend() -> None:
+    """A lag within a sample looks like readings that are late by it, but for the edges; a delay is nothing else."""
+    plan = _plan(3)
+    late = replace(plan, faults=replace(plan.faults, displacement_late_s=3e-4))
+    lag, delay = {"sensor_lag": {"tau_s_s": 5e-4}}, {"acquisition_delay": {"T_d_s": 5e-4}}
+    before, after = (Probe(p, 3) for p in (plan, late))
+    assert before.size(lag).driven_steps > 20.0
+    assert 1.0 < after.size(lag).driven_steps < 5.0
+    assert before.size(delay).driven_steps > 50.0 > 1e-6 > after.size(delay).driven_steps
