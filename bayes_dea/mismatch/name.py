@@ -37,7 +37,6 @@ from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_o
 from .known import Known
 from .locate import ADEQUATE, Places, Scan, is_adequate, places_of, scan
 from .noise_prior import NoisePrior
-from .phase import share_below
 from .places import with_free_places
 from .reduced import Piece
 from .refit import Fit
@@ -62,8 +61,6 @@ _SOMETHING = 0.2
 _ROUNDED = math.sqrt(0.25 + 1.0 / 12.0)
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
-#: nats behind a shift of the readings within which an effect beside it stays in the set
-_AS_GOOD = 5.0
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -222,14 +219,11 @@ def name_physics(
             break
         start = free or best.weighed
         if enough_alone:
-            # beside a shift of the readings, which is no physics, an effect stands as it does alone
-            alone = best.weighed.effects == (DELAY,) and share_below(best.weighed.fit) > 0.5
-            least = HIDDEN if free is None and not alone else LEAST_GAIN
+            least = HIDDEN if free is None else LEAST_GAIN
             more = beside(start, model, names, prior, given, say, rng, adequate, least)
             more = [replace(t, size_m=effect_size(best.weighed.fit, t.fit)) for t in more if t.fit is not start.fit]
             # one that adds nothing to what is enough without it is no rival of that
-            less = _AS_GOOD if alone else 0.0
-            more = [t for t in more if t.log_evidence > best.weighed.log_evidence - less]
+            more = [t for t in more if t.log_evidence > best.weighed.log_evidence]
         else:
             taken = otherwise(start.fit)
             promised = promised_beside(start, model, names, given, say) if taken > 0.0 else 0.0
