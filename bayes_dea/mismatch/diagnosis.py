@@ -194,8 +194,6 @@ def _once(
         held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
         foreign = held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
         notes += [f.note() for f in foreign]
-    if ruling.verdict == UNKNOWN:
-        notes += too_few_for_an_odd_one(base)
     assembled = ready.assembled
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
 
@@ -205,6 +203,8 @@ def _once(
         if how != "validate" and not in_turn:
             summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
+        if ruling.verdict == UNKNOWN:
+            summary["warnings"] += too_few_for_an_odd_one(base)
         unweighed = unweighed_note(base.problem.model, naming.skipped)
         if unweighed is not None:
             summary["warnings"].append(unweighed)
