@@ -38,7 +38,8 @@ def test_false_readings_beside_edges_are_masked_and_named(plain):
 
     s = diagnose(with_column(plain, "rectangle_10Hz.csv", spoil), "hooke+gm3").summary
     assert s["verdict"] == "none"
-    assert not s["mismatch"]["detected"]
+    # this draw of the noise stands at one in a hundred by itself; three readings off by 8 sds would be far beyond
+    assert s["mismatch"]["p_value"] > 5e-3
     # what the record itself shows and what only the fit shows
     said = [re.match(r"rectangle_10Hz\.csv: (\d+) (drop-out|isolated reading)", w) for w in s["warnings"]]
     masked = {m[2]: int(m[1]) for m in said if m}
