@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 AMPLITUDES_M = np.array([0.3e-6, 1.2e-6, 5e-6, 20e-6])
 #: knots of time since an edge in s
 KNOTS = np.array([0.002, 0.006, 0.02, 0.06, 0.2, 0.6, 2.0, 6.0, 20.0, 60.0, 200.0])
+#: nats behind the best amplitude at which larger ones are not tried
+_BEYOND = 30.0
 #: nats that moving the model may promise for a straight step to say what it comes to
 _STRAIGHT = 2.0
 
@@ -125,7 +127,7 @@ def discrepancy(
                 seeds = [(same[0].q, same[0].linearisation)]
         gains.append(top - fit.log_evidence)
         best = max(best, (gains[-1], float(a)))
-        if gains[-1] < best[0] - 30.0:
+        if gains[-1] < best[0] - _BEYOND:
             break
     g = np.array(gains)
     mean = float(np.max(g) + np.log(np.sum(np.exp(g - np.max(g))) / AMPLITUDES_M.size))

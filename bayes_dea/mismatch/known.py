@@ -17,6 +17,8 @@ from .weigh import Weighed
 
 #: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
 _CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
+#: nats that may well be chance (20 to 1, and there are twenty effects): less is no lead
+SLIGHT = 3.0
 #: nats by which an effect has to be ahead of what lacks it for a mode that does its work to be looked for
 _NEEDED = 5.0
 
@@ -85,7 +87,7 @@ class Known:
             return []
         others = self.weighed.values()
         fewer = [v.log_evidence for v in others if len(v.effects) == count - 1] if count > 1 else []
-        least = max(fewer, default=self.none.log_evidence) + 3.0
+        least = max(fewer, default=self.none.log_evidence) + SLIGHT
         alike = [v for v in others if len(v.effects) == count and v.fit is not self.none.fit and v is not w]
         return [v for v in alike if least < v.log_evidence <= w.log_evidence]
 

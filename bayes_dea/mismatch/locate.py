@@ -34,7 +34,9 @@ ADEQUATE = 1e-3
 FAMILY_WISE = 0.01
 #: draws of the noise, and how many times as many where a p-value lies within this factor of one that is asked for
 _DRAWS, _MORE, _NEAR = 240, 4, 3.0
-#: intervals of mismatch that are told, the strongest
+#: blocks of a recording that a drift is looked for in, at least
+_DRIFTS = 16
+#: intervals of mismatch that are told, the strongest, and periods of a wave that are looked at one by one
 _TOLD = 40
 _WAY = {1: "rising", -1: "falling"}
 _SMALLEST = 4  # blocks in the shortest window
@@ -333,7 +335,7 @@ def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
         begin, nb = int(start[i]), piece.blocks.n
         t = f.time_s
         rows.add_all(begin, nb, t, i)
-        if nb >= 16:
+        if nb >= _DRIFTS:
             x = np.linspace(-1, 1, nb)
             every = np.arange(begin, begin + nb)
             rows.add(every, x, Window("trend", i, "a drift over the recording", float(t[0]), float(t[-1]), "drift"))
@@ -355,7 +357,7 @@ def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
                     )
             for repeat in range(int(f.repetition.max()) + 1):
                 own = np.flatnonzero(f.repetition == repeat)
-                if own.size >= _SMALLEST and repeat < 40:
+                if own.size >= _SMALLEST and repeat < _TOLD:
                     for name, shape in (
                         ("level", None),
                         ("sin", np.sin(2 * np.pi * f.phase[own])),

@@ -34,7 +34,7 @@ from .further import (
 )
 from .grid import Screened
 from .hypotheses import DELAY, NONE, UNKNOWN, candidates, effect_priors, prior_odds
-from .known import Known
+from .known import SLIGHT, Known
 from .locate import ADEQUATE, Places, Scan, is_adequate, places_of, scan
 from .noise_prior import NoisePrior
 from .places import with_free_places
@@ -49,7 +49,7 @@ from .weigh import Weighed, excess
 
 Array = NDArray[np.float64]
 
-#: an effect could be seen where its likelihood varies by so many nats over its grid
+#: nats that can be seen: by which an effect's likelihood varies over its grid, or a discrepancy is better than none
 _VISIBLE = 5.0
 #: probability from which on it matters which of its modes a hypothesis calls the further one
 _WORTH_LABELLING = 0.01
@@ -196,7 +196,7 @@ def name_physics(
     ranked = sorted(known.counting, key=lambda w: -w.log_evidence)
     best = none
     others: list[Explanation] = []
-    if ranked and ranked[0].log_evidence > none.weighed.log_evidence - 3.0:
+    if ranked and ranked[0].log_evidence > none.weighed.log_evidence - SLIGHT:
         left(0, 6, ranked[0].name)
         if spoiled is not None and spoiled(ranked[0].fit):
             return None
@@ -206,7 +206,7 @@ def name_physics(
     # more than one effect, where one is not enough
     for _ in range(most_effects):
         gain = best.discrepancy.gain if best.discrepancy else 0.0
-        enough_alone = best.adequate and gain < 5.0
+        enough_alone = best.adequate and gain < _VISIBLE
         if not 1 <= len(best.weighed.effects) < most_effects:
             break
         if len(best.weighed.effects) > 1 and too_dear(best.weighed.effects):
@@ -251,7 +251,7 @@ def name_physics(
         if not more:
             break
         top = max(more, key=lambda w: w.log_evidence)
-        if top.log_evidence < best.weighed.log_evidence + 3.0 + math.log(odds["single"] / odds["double"]):
+        if top.log_evidence < best.weighed.log_evidence + SLIGHT + math.log(odds["single"] / odds["double"]):
             break
         if spoiled is not None and spoiled(top.fit):
             return None

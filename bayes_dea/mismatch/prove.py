@@ -25,7 +25,6 @@ from .own_zero import with_zeros
 from .reduced import Piece
 from .refit import Fit, refit
 from .telling import Tell, silence
-from .weigh import widths_of
 from .whitening import whiten
 
 Array = NDArray[np.float64]
@@ -112,7 +111,9 @@ def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
     """A recording that `fit` has not seen, over what is known of the parameters without it. own: those of effects."""
     opened_fit, opened = with_zeros(fit, (piece,))
     problem, q = replace(opened_fit.problem, pieces=opened), opened_fit.q
-    untold = own[widths_of(fit, own) > _UNTOLD]
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[own], 0.0))
+    prior_sd = np.array([problem.model.priors.free[i].prior.coordinate_sd() for i in own])
+    untold = own[sd > _UNTOLD * prior_sd]
     (clean,) = problem.clean(q)
     d = problem.model.dimension
     told = np.setdiff1d(np.arange(d), untold)

@@ -39,6 +39,8 @@ CHARGES = {"series_resistance", "leakage"}
 _COSTLY = DEAR | {"leakage"}
 #: nats behind the best within which an effect of several parameters is weighed along its ridge
 RIVALS = 12.0
+#: parameters of an effect that a ridge is followed in, at most
+_RIDGES = 4
 #: nats behind its base at which a further effect is not looked around for any more
 _NO_BETTER = 1.0
 #: standard error of an evidence from which on it is a grid's
@@ -223,7 +225,7 @@ def refined(
     top = _hopeful(leading, base)
     for name, w in out.items():  # rivals that are near are weighed along their ridges
         own = own_index(base, of[name].model)
-        if w.fit is base or _hopeful(w, base) < top - RIVALS or own.size > 4:
+        if w.fit is base or _hopeful(w, base) < top - RIVALS or own.size > _RIDGES:
             continue
         if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
             continue

@@ -26,6 +26,8 @@ from .refit import Fit, refit
 
 #: kept: blocks later than this after an edge (s), and waves up to this frequency (Hz)
 _SETTLED_S, _SLOW_HZ = 0.15, 0.5
+#: blocks of a recording below which a part of it says next to nothing
+_FEW = 12
 #: a start is worth its cost where the base's own fit on the slow blocks is worse by this many nats
 _WORTH = 5.0
 #: the same where another law of the material may have driven it off in the recordings of forces
@@ -47,7 +49,7 @@ def low_start(base: Fit, prior: NoisePrior, starts: list[np.ndarray]) -> Fit | N
     pieces = []
     for piece in base.problem.pieces:
         keep = piece.y < middle if piece.channel == "displacement" else np.ones(piece.y.size, dtype=bool)
-        if keep.sum() >= 12:
+        if keep.sum() >= _FEW:
             pieces.append(subset(piece, keep))
     return _partial(base, pieces, prior, starts)
 
@@ -62,7 +64,7 @@ def slow_start(base: Fit, looks: list[Features], prior: NoisePrior, starts: list
         settled = ~(f.since_edge_s < _SETTLED_S)
         if f.frequency_Hz > _SLOW_HZ:
             settled &= ~np.isfinite(f.phase)
-        if settled.sum() >= 12:
+        if settled.sum() >= _FEW:
             pieces.append(subset(piece, settled))
     return _partial(base, pieces, prior, starts)
 

@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 HOPELESS = 300.0
 #: how far a refit looks around itself, in widths of the prior
 _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
+#: widths of a posterior, in sds of the prior, below which the points of a grid (13 of one parameter, a fifth of an sd
+#: apart) miss it and Laplace is right, and from which on the grid covers it
+_NARROW, _WIDE = 0.12, 0.5
 #: how well the frequency that a mass rings at is known from its stiffness
 _MIRROR = (0.94, 0.97, 1.0, 1.03, 1.06)
 
@@ -229,7 +232,7 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     model = screened.model
     index = own_index(base, model)
     widest = float(np.max(widths_of(best, index), initial=0.0))
-    if widest < 0.12:
+    if widest < _NARROW:
         return best.log_evidence, 0.1
     # an average over the prior cannot exceed its best point; the grid moves the base linearly and may think it does
     d, before = model.dimension, base.problem.model
@@ -237,7 +240,7 @@ def _evidence(base: Fit, screened: Screened, best: Fit) -> tuple[float, float]:
     own_prior = float(model.log_prior(best.q[None, :d])[0] - before.log_prior(moved[None])[0])
     most = -(best.objective + own_prior) + base.log_evidence + base.objective
     grid = min(screened.log_evidence, most)
-    if widest < 0.5:  # a peak between the points is what Laplace sees and the grid does not
+    if widest < _WIDE:  # a peak between the points is what Laplace sees and the grid does not
         return max(min(best.log_evidence, most), grid), 0.5
     # a peak far narrower than the steps of the grid, at an end of one parameter, is known by itself alone
     peak = min(best.log_evidence + _cut_off(best, index), most)
