@@ -161,7 +161,8 @@ def _error(proof: dict[str, Any], unit: str, factor: float, shown: str) -> str:
         return ""
     before, after, noise = factor * before, factor * after, factor * noise
     n = f"{len(rows)} {'recording' if len(rows) == 1 else 'recordings'}{'' if unit == 'm' else ' of force'}"
-    where = {"validate": f"the {n} it never saw", "left out in turn": f"{n} left out in turn"}
+    the = f"the {n}" if len(rows) > 1 else f"the {n.removeprefix('1 ')}"
+    where = {"validate": f"{the} it never saw", "left out in turn": f"{n} left out in turn"}
     error = f"the error on {where.get(proof['how'], 'them')}"
     if abs(before - after) > _MOVES * before:
         way = "falls" if after < before else "rises"

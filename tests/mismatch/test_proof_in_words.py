@@ -6,8 +6,21 @@ from bayes_dea.mismatch.words import _proved
 
 
 def proof(before, after, gain=12.3, how="validate"):
+    row = {"n": 100, "rmse_before_m": before, "rmse_after_m": after, "noise_m": 4.7e-6}
     return {"rmse_before_m": before, "rmse_after_m": after, "noise_m": 4.7e-6, "elpd_gain": gain, "how": how,
-            "held_out": [{}, {}]}  # fmt: skip
+            "held_out": [row, row]}  # fmt: skip
+
+
+def with_force(given, before, after):
+    """The same with a recording of forces among those held out."""
+    row = {"n": 50, "rmse_before_N": before, "rmse_after_N": after, "noise_N": 5e-3}
+    return {**given, "held_out": [*given["held_out"], row]}
+
+
+def only_forces(before, after):
+    """Nothing but a recording of forces held out."""
+    given = with_force(proof(None, None), before, after)
+    return {**given, "held_out": given["held_out"][-1:]}
 
 
 SEEN = "the error on the 2 recordings it never saw"
@@ -25,6 +38,10 @@ IN_TURN = "the error on 2 recordings left out in turn"
          "their log predictive density (ELPD) loses 4 nats"),
         (proof(7.32e-6, 7.32e-6, 0.0), f"{SEEN} stays at 7.32 um (noise 4.7 um)"),
         (proof(None, None, None), ""),
+        (with_force(proof(19.04e-6, 4.8e-6), 0.25, 5.01e-3), f"{SEEN} falls from 19 to 4.8 um (noise 4.7 um) and the "
+         "error on the recording of force it never saw falls from 250 to 5.01 mN (noise 5 mN)"),
+        (only_forces(0.25, 5e-3),
+         "the error on the recording of force it never saw falls from 250 to 5 mN (noise 5 mN)"),
     ],
 )  # fmt: skip
 def test_an_effect_within_the_noise_is_told_in_nats(given, said):

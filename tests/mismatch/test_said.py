@@ -1,8 +1,11 @@
 """What a diagnosis prints at its end."""
 
+import shlex
+
 import pytest
 
 from bayes_dea.experiments.words import recording_in_words
+from bayes_dea.mismatch.go_on import calibrate_command
 from bayes_dea.mismatch.store import terminal_summary
 from bayes_dea.mismatch.words import sentence
 
@@ -15,6 +18,9 @@ def summary():
     return {
         "verdict": "amplitude_softening",
         "confidence": 0.95,
+        "model": "hooke+gm3",
+        "corrected_model": "hooke+gm3+amplitude_softening",
+        "corrected_priors": {"dE_Pa": "lognormal(2e5, 1)", "e_c": "lognormal(0.01, 0.7)"},
         "statement": f"{note}. The material is stiffer at small strain.",
         "hypotheses": [
             {"name": "amplitude_softening", "probability": 0.96, "parameters": {"dE_Pa": _NUMBER, "e_c": _NUMBER}},
@@ -32,6 +38,18 @@ def test_no_line_is_wider_than_a_terminal_and_no_number_is_cut_off(summary):
     text = terminal_summary(summary)
     assert max(map(len, text.splitlines())) <= 80
     assert "    96.00%  amplitude_softening  dE_Pa 0.0251 +- 0.0098, e_c 0.0251 +- 0.0098\n     4.00%  none\n" in text
+
+
+def test_the_command_that_goes_on_is_one_that_a_shell_reads(summary):
+    lines = terminal_summary(summary).splitlines()
+    begin = lines.index("To go on with it:") + 1
+    end = next(i for i in range(begin, len(lines)) if not lines[i].endswith("\\"))
+    words = shlex.split("\n".join(lines[begin : end + 1]))
+    assert words[:3] == ["bayes-dea", "calibrate", "CAMPAIGN"]
+    assert words == shlex.split(calibrate_command(summary))
+    assert "dE_Pa=lognormal(2e5, 1)" in words
+    summary["verdict"] = "unknown"
+    assert "To go on" not in terminal_summary(summary)
 
 
 def test_the_longest_names_are_told_apart_and_their_numbers_stand_below(summary):
