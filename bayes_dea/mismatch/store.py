@@ -14,7 +14,6 @@ import numpy as np
 from ..experiments.words import recording_in_words
 from ..results import not_said, retire, write_bytes, write_json
 from .diagnosis import Diagnosis
-from .go_on import calibrate_command
 from .hypotheses import UNKNOWN
 from .pictures import picture_data
 
@@ -56,7 +55,7 @@ def terminal_summary(summary: dict[str, Any]) -> str:
     if ask.get("recording"):
         what = recording_in_words(ask["recording"], "+-")
         lines += ["", *textwrap.wrap(f"Next experiment: {what}; {ask['why']}", 78)]
-    command = calibrate_command(summary)
+    command = summary.get("next_command")
     if command:
         lines += ["", "To go on with it:", *_command(command)]
     for warning in not_said(summary):

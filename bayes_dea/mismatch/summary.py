@@ -16,6 +16,7 @@ from ..models.model import Model, build_model
 from ..priors import Prior
 from .clipped import Limit
 from .confidence import confidence_of
+from .go_on import calibrate_command
 from .hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
 from .judge import Judged
 from .locate import excess_by, where
@@ -118,6 +119,7 @@ def summarise(
     if mended:
         whole = proof_summary(list(mended), how)
         out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR}
+    out["next_command"] = calibrate_command(out)
     out["statement"] = statement(out, naming, assembled, physics[verdict], judged.ruling.delays_s)
     if silent(naming):
         note = silent_note(out)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..experiments.words import recording_in_words
-from ..mismatch.go_on import calibrate_command
 from ..results import not_said, read_json, write_atomic
 from . import digits
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
@@ -64,7 +63,6 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
         statement=digits.page_text(summary["statement"]),
         warnings=[digits.page_text(w) for w in not_said(summary)],
         ask=_asked(summary),
-        next_command=calibrate_command(summary),
         p_value=_p_value(summary["mismatch"]["p_value"]),
         origin=origin,
         simulated=any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
