@@ -1,5 +1,6 @@
 """The end of a sensor's range as a reading, its noise added beyond: in every recording another displacement."""
 
+import re
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -39,7 +40,9 @@ def test_the_limit_is_named_and_found_to_its_error(noiseless, part, seed):
     found = s["hypotheses"][0]["parameters"]["y_max_m"]
     assert found["sd"] < 0.5e-6
     assert abs(found["mean"] - limit) < 4.0 * found["sd"] + 0.1e-6
-    assert f"{1e6 * found['mean']:.3g} um" in s["statement"]
+    said = re.search(r"clips at ([\d.]+) \+- ([\d.]+) um", s["statement"])
+    assert float(said[1]) == pytest.approx(1e6 * found["mean"], abs=1e6 * found["sd"])
+    assert float(said[2]) == pytest.approx(1e6 * found["sd"], rel=0.4)
 
 
 def test_the_end_of_a_displacement_is_no_reading():

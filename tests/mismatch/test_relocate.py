@@ -84,13 +84,13 @@ def test_no_fit_is_made_from_a_place_that_is_no_better(right, monkeypatch):
 
     monkeypatch.setattr(relocate, "refit", never)
     tried = []
-    descend = relocate.descend
+    approach = relocate.approach
 
     def counted(*args, **keys):
-        tried.append(descend(*args, **keys))
+        tried.append(approach(*args, **keys))
         return tried[-1]
 
-    monkeypatch.setattr(relocate, "descend", counted)
+    monkeypatch.setattr(relocate, "approach", counted)
     monkeypatch.setattr(relocate, "_starts", lambda fit: [(fit.q, np.full(fit.q.size, 1e-3))])
     assert relocated(fit, prior) is fit
     assert len(tried) == 1
