@@ -114,10 +114,11 @@ def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     s = diagnose(c, "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert s["confidence"] > 0.9
-    # it was read as stated to begin with, and that is another model
+    # it was read as stated to begin with, and that is another model; a line to a row ends where what is held does, so
+    # that only what follows slowly knows them apart
     stated, true = (problem_of(x) for x in (c, plain))
     apart = [np.abs(a - b).max() for a, b in zip(*(p.clean(q) for p, _, q in (stated, true)), strict=True)]
-    assert max(apart) > 1e-6
+    assert max(apart) > (1e-6 if hold == "start" else 1e-8)
     if hold == "start":  # a whole sample: seen in these recordings
         assert 'timing: the recordings follow hold = "end", not "start"' in s["warnings"][0]
 
