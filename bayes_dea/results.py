@@ -95,14 +95,6 @@ def write_text(path: Path, content: str) -> None:
     write_bytes(path, content.encode("utf-8"))
 
 
-def retire(page: Path) -> None:
-    """Take away a page of what is written anew: after a kill in between it would stand beside other numbers."""
-    try:
-        page.unlink(missing_ok=True)
-    except OSError as error:
-        raise unwritable(page, error) from error
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """JSON file, atomically."""
     text = json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False)

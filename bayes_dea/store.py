@@ -18,7 +18,7 @@ import numpy as np
 
 from .errors import InputError
 from .fit.diagnostics import arviz
-from .results import retire, write_bytes, write_json
+from .results import write_bytes, write_json
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -141,7 +141,6 @@ def save_calibration(calibration: Calibration, out: Path, report: bool = True, t
     """
     data = inference_data(calibration)
     write_bytes(out / POSTERIOR_FILE, netcdf_bytes(data, tell))
-    retire(out / REPORT_FILE)
     write_json(out / CALIBRATION_FILE, calibration.summary)
     if report:
         from .report.page import write_report

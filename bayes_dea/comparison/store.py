@@ -7,7 +7,7 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
-from ..results import retire, write_json
+from ..results import write_json
 from .run import Comparison
 from .words import percent
 
@@ -20,7 +20,6 @@ def save_comparison(result: Comparison, out: Path) -> Path:
     from ..report.comparison_page import write_comparison_page
 
     out.mkdir(parents=True, exist_ok=True)
-    retire(out / REPORT_FILE)
     write_json(out / COMPARISON_FILE, result.summary)
     write_comparison_page(out)
     return out

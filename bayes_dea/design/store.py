@@ -10,7 +10,7 @@ from typing import Any
 from ..experiments.costs import COSTS_FILE, costs_toml
 from ..experiments.words import settings_in_words
 from ..prediction.result import write_table
-from ..results import retire, write_json, write_text
+from ..results import write_json, write_text
 from .propose import Proposals
 
 NEXT_FILE = "next.json"
@@ -28,7 +28,6 @@ def save_proposals(result: Proposals, out: Path, report: bool = True) -> Path:
             time_s, values = proposal.experiment.full()
             write_table(out / entry["file"], {"time_s": time_s, proposal.experiment.column: values})
     write_text(out / FOLDER / COSTS_FILE, costs_toml(result.costs))
-    retire(out / REPORT_FILE)
     write_json(out / NEXT_FILE, s)
     if report:
         from ..report.next_page import write_next_page

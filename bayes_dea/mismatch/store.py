@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..experiments.words import recording_in_words
-from ..results import not_said, retire, write_bytes, write_json
+from ..results import not_said, write_bytes, write_json
 from .diagnosis import Diagnosis
 from .hypotheses import UNKNOWN
 from .pictures import picture_data
@@ -35,7 +35,6 @@ def save_diagnosis(
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **picture_data(result))  # type: ignore[arg-type]
     write_bytes(out / DATA_FILE, buffer.getvalue())
-    retire(out / REPORT_FILE)
     write_json(out / DIAGNOSIS_FILE, result.summary)
     write_diagnosis_page(out, report)
     return out

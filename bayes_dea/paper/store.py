@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..report.paper_page import KINDS, kind_of
-from ..results import plain, retire, write_json
+from ..results import plain, write_json
 from . import kept
 from .section import Section
 
@@ -90,7 +90,6 @@ def save_paper(paper: Paper, out: Path, report: Report | None = None) -> Path:
     """
     from ..report.paper_page import write_paper_page
 
-    retire(out / REPORT_FILE)
     write_json(out / PAPER_FILE, paper.summary)
     write_paper_page(out, report)
     return out

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..results import retire, write_atomic, write_json
+from ..results import write_atomic, write_json
 from .bands import LEVELS, Bands
 
 TABLE_FILE = "prediction.csv"
@@ -93,7 +93,6 @@ class SignalPrediction:
             write_table(folder / COMMAND_FILE, table, lambda done, of: say("writing", done, of, COMMAND_FILE))
         table = {k: v if k in ("time_s", self.input) else np.round(v, digits) for k, v in columns.items()}
         write_table(folder / TABLE_FILE, table, lambda done, of: say("writing", done, of, TABLE_FILE))
-        retire(folder / PAGE_FILE)
         write_json(folder / SUMMARY_FILE, self.summary)
         if report:
             from ..report.prediction_page import PredictionView, write_prediction_page

@@ -137,19 +137,6 @@ def test_the_same_seed_gives_the_same_verdict_to_the_last_digit(diagnosed):
     assert again["mismatch"] == first["mismatch"]
 
 
-def test_what_was_drawn_before_goes_before_the_numbers_do(diagnosed, tmp_path, monkeypatch):
-    """Killed in between, a folder has no page rather than one of another diagnosis."""
-    from bayes_dea.report import diagnosis_page
-
-    save_diagnosis(diagnosed("none", {}), tmp_path)
-    assert (tmp_path / "report.html").exists()
-    monkeypatch.setattr(diagnosis_page, "write_diagnosis_page", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-    with pytest.raises(KeyboardInterrupt):
-        save_diagnosis(diagnosed("series_resistance", CASES["series_resistance"][0]), tmp_path)
-    assert not (tmp_path / "report.html").exists()
-    assert json.loads((tmp_path / "diagnosis.json").read_text())["verdict"] == "series_resistance"
-
-
 def test_the_statement_has_its_error_and_the_terminal_the_next_command(diagnosed):
     s = diagnosed("series_resistance", CASES["series_resistance"][0]).summary
     own = s["hypotheses"][0]["parameters"]["R_s_ohm"]

@@ -79,9 +79,13 @@ def test_by_how_much_the_truth_leads(monkeypatch):
     found = SimpleNamespace(naming=SimpleNamespace(log_evidence={
         "none": 10.0, "unknown": 500.0, "sensor_lag": 120.0, "parallel_damper": 125.0, "sensor_lag+leakage": 131.0,
     }))  # fmt: skip
-    case = SimpleNamespace(truth="sensor_lag", effects={"sensor_lag": {}})
+    beside, late = (SimpleNamespace(faults=SimpleNamespace(displacement_late_s=s)) for s in (0.0, 3e-4))
+    case = SimpleNamespace(truth="sensor_lag", effects={"sensor_lag": {}}, plan=beside)
     # what holds the truth and more is no rival, nor is unknown; the truth counts from where it fits best
     assert lead.lead_of(case, None, found) == 5.0
+    # readings that are late are part of the truth, and of its rivals
+    found.naming.log_evidence |= {"sensor_lag+acquisition_delay": 140.0, "parallel_damper+acquisition_delay": 133.0}
+    assert lead.lead_of(SimpleNamespace(**{**vars(case), "plan": late}), None, found) == 7.0
     assert lead.lead_of(SimpleNamespace(truth="none", effects={}), None, found) is None
 
 
