@@ -38,7 +38,7 @@ HASTY, RESTS_S, FREE_OF_PRESS = 0.3, (0.005, 0.2), 0.5
 #: share of the campaigns whose displacement is read beside its command, in parts of a sample either way: timing, and no
 #: physics; not where something was left out that is told from it by its shape alone
 SAMPLING_HZ, BESIDE, BESIDE_SAMPLES = 1000.0, 0.3, 1.0
-LIKE_TIMING = ("acquisition_delay", "sensor_lag", "supply_slew_rate")
+LIKE_TIMING = ("acquisition_delay", "sensor_lag", "supply_current_limit")
 _BRANCHES = {2: 0.1, 3: 0.8, 4: 0.1}
 _TRIES = 12
 

@@ -280,6 +280,10 @@ def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
     actuator = base.problem.pieces[0].recording.actuator
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
         return first_experiment(base, actuator, tell)
+    if ruling.verdict == UNKNOWN:
+        return {"why": "what was left out is on no list, so that no experiment can be told to show it; whether it is "
+                       "there again when the recordings that show it most are repeated would tell whether it is of the "
+                       "actuator", "recording": {}}  # fmt: skip
     fits: list[Fit] = []
     names: list[str] = []
     for name in dict.fromkeys(ruling.physics[m] for m in ruling.members):
@@ -287,10 +291,6 @@ def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
         if fit is not None and len(fits) < 2:
             fits.append(fit)
             names.append(name)
-    if ruling.verdict == UNKNOWN:
-        return {"why": "what was left out is on no list, so that no experiment can be told to show it; whether it is "
-                       "there again when the recordings that show it most are repeated would tell whether it is of the "
-                       "actuator", "recording": {}}  # fmt: skip
     if len(fits) < 2:
         rest = " of those on the list" if UNKNOWN in ruling.members else ""
         why = f"one explanation{rest} is left; more of the recordings at hand would sharpen it"

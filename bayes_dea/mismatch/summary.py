@@ -282,7 +282,6 @@ def _normal(centre: float, sd: float, prior: Prior) -> tuple[Array, Array]:
 
 def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
     """The "proof" of diagnosis.json; force recordings stand apart because their unit is another."""
-    move = [h for h in proof if h.channel == "displacement"]
     out: dict[str, Any] = {"held_out": [], "how": how}
     for h in proof:
         unit = "m" if h.channel == "displacement" else "N"
@@ -302,9 +301,12 @@ def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
         total = sum(n * v * v for n, v in values)
         return math.sqrt(total / sum(n for n, _ in values)) if values and math.isfinite(total) else None
 
-    out["rmse_before_m"] = pooled([(h.n, h.rmse_before) for h in move])
-    out["rmse_after_m"] = pooled([(h.n, h.rmse_after) for h in move])
-    out["noise_m"] = pooled([(h.n, h.noise) for h in move])
+    for unit, channel in (("m", "displacement"), ("N", "force")):
+        own = [h for h in proof if h.channel == channel]
+        if own or unit == "m":
+            out[f"rmse_before_{unit}"] = pooled([(h.n, h.rmse_before) for h in own])
+            out[f"rmse_after_{unit}"] = pooled([(h.n, h.rmse_after) for h in own])
+            out[f"noise_{unit}"] = pooled([(h.n, h.noise) for h in own])
     gains = np.array([h.elpd_after - h.elpd_before if h.answered else math.nan for h in proof])
     out["elpd_gain"] = float(gains.sum()) if gains.size else None
     out["elpd_gain_se"] = float(math.sqrt(gains.size) * gains.std(ddof=1)) if gains.size > 1 else None

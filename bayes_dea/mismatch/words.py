@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -96,7 +95,7 @@ def _shown_most(summary: dict[str, Any]) -> str:
     if not summary["mismatch"]["where"]:
         return ""
     w = max(summary["mismatch"]["where"], key=lambda w: w["excess"])
-    return f" {w['recording']} shows it most, from {w['t_start_s']:.3g} to {w['t_end_s']:.3g} s ({w['what']})."
+    return f" {w['recording']} shows it most, from {w['t_start_s']:.3f} to {w['t_end_s']:.3f} s ({w['what']})."
 
 
 def _carries_over(fix: Mapping[str, Any], proof: dict[str, Any]) -> str:
@@ -141,41 +140,29 @@ def _proved(proof: dict[str, Any]) -> str:
 
     An effect within the noise moves the error by less than its digits: what it is worth is said in nats then.
     """
-    parts = [text for text in (_error(proof, "m", 1e6, "um"), _error(proof, "N", 1e3, "mN")) if text]
-    if not parts:
-        return ""
-    text = " and ".join(parts)
+    parts = [part for part in (_error(proof, "m", 1e6, "um"), _error(proof, "N", 1e3, "mN")) if part is not None]
+    text = " and ".join(said for said, _ in parts)
     gain = proof["elpd_gain"] or 0.0
-    if any(" falls " in part or " rises " in part for part in parts) or abs(gain) < _A_NAT:
+    if not parts or any(moved for _, moved in parts) or abs(gain) < _A_NAT:
         return text
     return f"{text}; their log predictive density (ELPD) {'gains' if gain > 0.0 else 'loses'} {abs(gain):.3g} nats"
 
 
-def _error(proof: dict[str, Any], unit: str, factor: float, shown: str) -> str:
-    """What becomes of the error on the recordings of one channel; empty without such recordings."""
-    rows = [h for h in proof["held_out"] if f"noise_{unit}" in h]
-    before, after, noise = (
-        _pooled([(h["n"], h[f"{k}_{unit}"]) for h in rows]) for k in ("rmse_before", "rmse_after", "noise")
-    )
-    if not rows or before is None or after is None or noise is None:
-        return ""
+def _error(proof: dict[str, Any], unit: str, factor: float, shown: str) -> tuple[str, bool] | None:
+    """What becomes of the error on the recordings of one channel, and whether it moves; None where there are none."""
+    before, after, noise = (proof.get(f"{k}_{unit}") for k in ("rmse_before", "rmse_after", "noise"))
+    if before is None or after is None or noise is None:
+        return None
     before, after, noise = factor * before, factor * after, factor * noise
-    n = f"{len(rows)} {'recording' if len(rows) == 1 else 'recordings'}{'' if unit == 'm' else ' of force'}"
-    the = f"the {n}" if len(rows) > 1 else f"the {n.removeprefix('1 ')}"
-    where = {"validate": f"{the} it never saw", "left out in turn": f"{n} left out in turn"}
+    count = sum(f"noise_{unit}" in h for h in proof["held_out"])
+    what = f"{'recording' if count == 1 else 'recordings'}{'' if unit == 'm' else ' of force'}"
+    seen = f"the {what} it never saw" if count == 1 else f"the {count} {what} it never saw"
+    where = {"validate": seen, "left out in turn": f"{count} {what} left out in turn"}
     error = f"the error on {where.get(proof['how'], 'them')}"
     if abs(before - after) > _MOVES * before:
         way = "falls" if after < before else "rises"
-        return f"{error} {way} from {before:.3g} to {after:.3g} {shown} (noise {noise:.3g} {shown})"
-    return f"{error} stays at {after:.3g} {shown} (noise {noise:.3g} {shown})"
-
-
-def _pooled(values: list[tuple[int, float | None]]) -> float | None:
-    """Root of the mean of squares of (number of rows, RMS); None where one is not known."""
-    known = [(n, v) for n, v in values if v is not None and math.isfinite(v)]
-    if not known or len(known) < len(values):
-        return None
-    return math.sqrt(sum(n * v * v for n, v in known) / sum(n for n, _ in known))
+        return f"{error} {way} from {before:.3g} to {after:.3g} {shown} (noise {noise:.3g} {shown})", True
+    return f"{error} stays at {after:.3g} {shown} (noise {noise:.3g} {shown})", False
 
 
 def sentence(note: str) -> str:

@@ -94,6 +94,7 @@ def test_some_readings_stand_beside_their_command() -> None:
     assert 0.25 < np.mean(late != 0.0) < 0.35
     assert -1e-3 <= late.min() < -0.9e-3
     assert 0.9e-3 < late.max() <= 1e-3
+    assert set(LIKE_TIMING) <= set(EFFECTS)
     assert not any(_late_s(rng, ["leakage", name]) for name in LIKE_TIMING for _ in range(20))
     case = next(c for c in (draw_case(seed, "none") for seed in range(20)) if c.plan.faults.displacement_late_s)
     assert case.verdict == "none"

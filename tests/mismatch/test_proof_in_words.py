@@ -14,7 +14,7 @@ def proof(before, after, gain=12.3, how="validate"):
 def with_force(given, before, after):
     """The same with a recording of forces among those held out."""
     row = {"n": 50, "rmse_before_N": before, "rmse_after_N": after, "noise_N": 5e-3}
-    return {**given, "held_out": [*given["held_out"], row]}
+    return {**given, **row, "held_out": [*given["held_out"], row]}
 
 
 def only_forces(before, after):
