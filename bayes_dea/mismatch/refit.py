@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from .descent import MARGIN, Linearisation, bounded_step, bounds, descended, inner_bounds, prior_derivatives, reached
+from .descent import MARGIN, End, Linearisation, bounded_step, bounds, descended, inner_bounds, prior_derivatives
 from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
@@ -19,6 +19,8 @@ from .whitening import Noise
 Array = NDArray[np.float64]
 #: the noise may move this many sds of its prior: a wrong model must not excuse itself by it
 _NOISE_SDS = 8.0
+#: step of its slopes (sds), and the share of the objective by which its last step improved it
+_NUDGE, _CLOSE = 1e-3, 1e-9
 #: nats by which new noise may improve a fit that is left where it is
 _SETTLED = 0.01
 
@@ -153,24 +155,20 @@ def _searched(
     if ended is None:
         return None
     q, taken = ended.q, taken + ended.steps
-    clean, slopes = ended.clean, ended.slopes
-    moved = False
     if fit_noise:
-        base, gradient, curvature = ended.prior
-        noise = fit_noise_terms(problem, q, clean, noise, prior)
-        gram, _ = problem.sums(q, noise, clean, slopes)
-        H = gram[1:, 1:] + curvature
-        step = bounded_step(H, gradient - gram[0, 1:], np.zeros_like(H), q, low, high)
-        if np.isfinite(problem.log_prior(q + step)[0]):
-            value, there = reached(problem, q + step, noise)
-            moved = value < base + 0.5 * gram[0, 0] - _SETTLED
-            if moved:
-                q, clean = q + step, there
+        noise = fit_noise_terms(problem, q, ended.clean, noise, prior)
+        if promised_at(problem, ended, noise, low, high) > _SETTLED:
+            # a fit that is wrong by much lies elsewhere once the noise has grown
+            there = Linearisation(q, ended.clean, ended.slopes, ended.exact)
+            again = descended(problem, q, noise, low, high, max_steps, tolerance, None, coarse=coarse, known=there)
+            if again is None:
+                return None
+            ended, q, taken = again, again.q, taken + again.steps
     state: State
-    if moved or not ended.exact:
-        state = problem.gram(q, noise, clean=clean)
+    if ended.exact:
+        state = (*problem.sums(q, noise, ended.clean, ended.slopes), ended.clean, ended.slopes)
     else:
-        state = (*problem.sums(q, noise, clean, slopes), clean, slopes)
+        state = problem.gram(q, noise, clean=ended.clean)
     return (q, noise, taken, state) if np.isfinite(state[0]).all() else None
 
 
@@ -211,6 +209,16 @@ def extrapolated(problem: Problem, fit: Fit, prior: NoisePrior) -> tuple[float, 
     return laplace(objective, 0.5 * (H + H.T)), promised
 
 
+def promised_at(problem: Problem, end: End, noise: Noise, low: Array, high: Array) -> float:
+    """What a step from the end of a descent promises under other noise (nats)."""
+    _, gradient, curvature = end.prior
+    gram, _ = problem.sums(end.q, noise, end.clean, end.slopes)
+    H = gram[1:, 1:] + curvature
+    g = gradient - gram[0, 1:]
+    step = bounded_step(H, g, np.zeros_like(H), end.q, low, high)
+    return -float(g @ step + 0.5 * step @ H @ step)
+
+
 def fit_noise_terms(problem: Problem, q: Array, clean: list[Array], start: Noise, prior: NoisePrior) -> Noise:
     """sigma and rho of every channel at their posterior maximum, given the predictions."""
     noise = start
@@ -219,22 +227,14 @@ def fit_noise_terms(problem: Problem, q: Array, clean: list[Array], start: Noise
             continue
 
         def objective(x: Array, channel: str = channel, noise: Noise = noise) -> float:
-            if np.any(np.abs(x) > _NOISE_SDS):
-                return math.inf
             trial = prior.at(noise, channel, x)
             gram, logdet = problem.sums(q, trial, clean, [])
             return prior.minus_log(trial, channel) + 0.5 * float(gram[0, 0]) + 0.5 * logdet
 
         x0 = np.clip(prior.coordinates(noise, channel), -_NOISE_SDS + 1, _NOISE_SDS - 1)
-        found = minimize(
-            objective,
-            x0,
-            method="Nelder-Mead",
-            options={"xatol": 0.05, "fatol": 0.02, "maxfev": 60, "initial_simplex": _simplex(x0)},
-        )
+        within = [(-_NOISE_SDS, _NOISE_SDS)] * x0.size
+        # wrong models end in a corner of these bounds, and all have to end at the same place of it to be compared
+        found = minimize(objective, x0, method="L-BFGS-B", bounds=within, options={"eps": _NUDGE, "ftol": _CLOSE})
         noise = prior.at(noise, channel, found.x)
     return noise
 
-
-def _simplex(x0: Array) -> Array:
-    return np.concatenate([x0[None], x0 + np.eye(x0.size)])

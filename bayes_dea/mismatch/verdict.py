@@ -78,14 +78,12 @@ def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolutio
 def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Ruling:
     """What is claimed, with what is established joined on: the likeliest name, but none where that is not ruled out.
 
-    See `FALSE_ALARMS`; a shift below one sample, which counts as none, has to be the likeliest. uneven: recordings
-    scatter unlike each other at rest, or swing there, which "none" does not explain.
+    See `FALSE_ALARMS`; a shift below one sample counts as none, since recordings that are late by that lack no physics.
+    uneven: recordings scatter unlike each other at rest, or swing there, which "none" does not explain.
     """
     weighed = _as_before(naming) if silent(naming) else naming.probability
     shift = as_timing(weighed, naming)
     p, physics, delays = shift.probability, shift.physics, shift.delays_s
-    # that the model lacks nothing, and not that a shift of its readings explains them
-    alone = weighed.get(NONE, 0.0) / max(p.get(NONE, 0.0), 1e-300)
     if uneven:
         left = 0.5 * FALSE_ALARMS * p.get(NONE, 0.0)
         p = {**p, NONE: left, UNKNOWN: p.get(UNKNOWN, 0.0) + p.get(NONE, 0.0) - left}
@@ -101,7 +99,7 @@ def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Rulin
                 delays[joined] = delays[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
     top = max(p, key=lambda k: p[k])
-    return Ruling(NONE if alone * p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)
+    return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)
 
 
 def _joined(name: str, more: str) -> str:

@@ -33,7 +33,14 @@ def statement(
     numbers = _proved(proof)
     if verdict == NONE:
         if any(w.startswith(SHIFT_NOTE) for w in summary["warnings"]):
-            text = f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
+            likelier = summary["hypotheses"][0]
+            if likelier["name"] == NONE:
+                text = f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
+            else:
+                text = (
+                    f"No physics is claimed ({confidence}): {likelier['name']} is the likelier explanation (probability "
+                    f"{likelier['probability']:.2g}), but a shift of readings, which lacks no physics, is not ruled out."
+                )
             others = [m for m in summary["indistinguishable"] if m != NONE]
             return text + (f" They cannot tell that shift from {', '.join(others)}." if others else "")
         if naming.none.scan.detected:
