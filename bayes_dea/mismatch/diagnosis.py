@@ -26,15 +26,15 @@ from .hypotheses import NONE, UNKNOWN, parted, unweighed_note
 from .journal import Journal
 from .judge import Judged, judged, named_fit
 from .laps import Laps
-from .name import Naming
+from .naming import Naming
 from .prepare import Prepared, prepared
 from .profile import profiled
 from .prove import HeldOut, held_out, proof, unanswered, without_validation
+from .quest import Report
 from .reduced import Piece
 from .refit import Fit
 from .reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .ridge import posterior
-from .search import Report
 from .seen import Seen
 from .sought import sought
 from .summary import ANOTHER, Draws, say_clipped, say_foreign, say_gains, say_odd, say_swinging, say_uneven, summarise

@@ -7,7 +7,7 @@ from typing import Any
 
 from .features import Features, features
 from .hypotheses import DELAY, NONE, UNKNOWN
-from .name import Explanation, Naming
+from .naming import Explanation, Naming
 from .own_gains import Gains, gains_of
 from .phase import sample_step_s
 from .prepare import Prepared

@@ -17,9 +17,9 @@ from .journal import Journal
 from .laps import Laps
 from .noise_prior import NoisePrior, noise_prior
 from .problem import Problem
+from .quest import Report
 from .reduced import Piece, reduce_campaign
 from .refit import refit
-from .search import Report
 from .seen import Seen
 from .size import STEP_M
 

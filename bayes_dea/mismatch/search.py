@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -18,6 +18,7 @@ from .grid import Screened, moved_to, screen
 from .hypotheses import extended
 from .laws import laws_of_effect
 from .noise_prior import NoisePrior
+from .quest import Quest, Report
 from .refit import Fit, refit
 from .relabel import stands_in
 from .relocate import begun_from, relocated
@@ -26,7 +27,6 @@ from .slow_start import LIMITS, driven_start, slow_start
 from .weigh import HOPELESS, Weighed, escape, excess, improved, refine, widths_of
 
 Array = NDArray[np.float64]
-Report = Callable[[str, float, float, str], None]
 
 #: how many hypotheses are refitted after the grid, how near in nats to the best others must come, and the least gain
 _REFITTED, _NEAR, LEAST_GAIN = 6, 30.0, 1.0
@@ -92,25 +92,19 @@ def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame
 
 
 def on_grids(
-    frames: list[Frame],
-    common: int,
-    model: Model,
-    names: list[str],
-    overrides: Mapping[str, object],
-    say: Report,
-    memory: dict[str, Screened] | None,
+    frames: list[Frame], common: int, quest: Quest, memory: dict[str, Screened] | None = None
 ) -> list[Screened]:
     """All single effects on their grids; those that are limits also from the frames beyond the `common` ones."""
     found = []
-    for k, name in enumerate(names):
-        say("weighing hypotheses", k, len(names), name)
+    for k, name in enumerate(quest.names):
+        quest.say("weighing hypotheses", k, len(quest.names), name)
         own = frames if name in LIMITS else frames[:common]
         for variant in laws_of_effect(name):
             key = "+".join([name, *variant])
             known = memory.get(key) if memory is not None else None
             s = moved_to(known, own) if known is not None else None
             if s is None:
-                m = extended(model, [name], {**overrides, **variant})
+                m = extended(quest.model, [name], quest.by(variant).given)
                 s = screen(own, m, (name,)) if m is not None else None
             if s is not None:
                 found.append(s)
@@ -122,27 +116,25 @@ def on_grids(
 def refined(
     base: Fit,
     screened: list[Screened],
-    prior: NoisePrior,
-    say: Report,
-    starts: int,
-    rng: np.random.Generator,
-    spoiled: Callable[[Fit], bool] | None = None,
+    quest: Quest,
+    starts: int = 1,
+    look: Callable[[Fit], None] | None = None,
     left: float = 0.0,
-    adequate: Callable[[Fit], bool] | None = None,
     best: float = math.inf,
     least: float = LEAST_GAIN,
-) -> dict[str, Weighed] | None:
+) -> dict[str, Weighed]:
     """Refits of what the grid calls promising; the rest keep the grid's evidence and claim nothing.
 
-    None where the first of them shows readings that are false. left: nats of misfit that further effects are looked
-    for in: the grid has to promise a part of it, and what leaves most of it ends the search and is not weighed finely.
-    adequate: asked of the leading fit; where it says no, another effect will be looked for beside it, and rivals are
-    not weighed finely either. best: the value (see `Weighed`) of the best of others, which these have to come near.
-    least: nats that the grid has to promise.
+    base: the fit that they were screened beside, with effects of its own or none. look: is shown the first of them.
+    left: nats of misfit that further effects are looked for in: the grid has to promise a part of it, and what leaves
+    most of it ends the search and is not weighed finely. Where the quest says of the leading fit that it is not
+    adequate, another effect will be looked for beside it, and rivals are not weighed finely either. best: the value
+    (see `Weighed`) of the best of others, which these have to come near. least: nats that the grid has to promise.
 
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
     """
+    prior, say = quest.prior, quest.say
     out: dict[str, Weighed] = {}
     of: dict[str, Screened] = {}
     reached, taken, elsewhere_reached = 0.0, 0.0, best
@@ -161,8 +153,8 @@ def refined(
             reached = max(reached, base.objective - w.fit.objective)
             # at the noise that the grid has: that of a base may have grown
             taken = max(taken, s.base_objective - w.value)
-            if k == 0 and spoiled is not None and spoiled(w.fit):
-                return None
+            if k == 0 and look is not None:
+                look(w.fit)
         if w is None:
             highest = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
             w = Weighed(s.effects, base, min(s.log_evidence, highest), 0.5, 0.0)
@@ -201,7 +193,7 @@ def refined(
                 out[name] = improved(out[name], base, of[name], elsewhere)
     if refitted:
         left_out = [s for s in screened if out["+".join(s.effects)].fit is base]
-        for s, w in overlooked(base, out[refitted[0]].fit, left_out, prior, say):
+        for s, w in overlooked(base, out[refitted[0]].fit, left_out, quest):
             w = of_laws(w, screened)
             if _hopeful(w, base) > _hopeful(out[w.name], base):
                 out[w.name], of[w.name] = w, s
@@ -213,7 +205,7 @@ def refined(
 
     def enough(fit: Fit) -> bool:
         if not any(f is fit for f, _ in judged):
-            judged.append((fit, adequate is None or fit is base or adequate(fit)))
+            judged.append((fit, quest.adequate is None or fit is base or quest.adequate(fit)))
         return next(yes for f, yes in judged if f is fit)
 
     for name in near:
@@ -231,7 +223,7 @@ def refined(
             continue
         if left > SMALL and excess(w.fit, prior) > _FINELY * left:
             continue
-        better = integrated(w.fit, own, rng, partial(_along, say, name))
+        better = integrated(w.fit, own, quest.rng, partial(_along, say, name))
         if better is not None:
             out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
     return out
@@ -268,13 +260,14 @@ def of_laws(w: Weighed, screened: Sequence[Screened]) -> Weighed:
 
 
 def overlooked(
-    base: Fit, leader: Fit, waiting: Sequence[Screened], prior: NoisePrior, say: Report
+    base: Fit, leader: Fit, waiting: Sequence[Screened], quest: Quest
 ) -> list[tuple[Screened, Weighed]]:
     """Hypotheses that were not refitted, from where the leading one has the base, if that is another place.
 
     Where a mode of the base does an effect's work, those that would do it, too, promise nothing: a sensor's lag beside
     a damper, say.
     """
+    prior = quest.prior
     plain = stripped(leader, base.problem.model, prior)
     d = base.problem.model.dimension
     if plain is None or np.max(np.abs(plain.q[:d] - base.q[:d]), initial=0.0) < _MOVED:
@@ -282,7 +275,7 @@ def overlooked(
     frame, reached = Frame(plain), value_at(leader.problem, leader.q, prior.start())
     found = []
     for k, s in enumerate(waiting):
-        say("looking again", k, len(waiting), "+".join(s.effects))
+        quest.say("looking again", k, len(waiting), "+".join(s.effects))
         again = screen([frame], s.model, s.effects, sparse=True)
         if again is not None and again.gain > LEAST_GAIN:
             found.append((again.points[0].posterior, s, again.points))

@@ -17,15 +17,16 @@ from .features import features
 from .grid import Screened
 from .hypotheses import UNKNOWN
 from .locate import is_adequate, scan
-from .name import Naming, name_physics, weigh_delay
+from .name import Brief, name_physics, weigh_delay
+from .naming import Naming
 from .noise_prior import NoisePrior
 from .own_gains import MOVED, Loosened, worth_a_search
 from .own_limits import CLIPPING, limit_of_readings
 from .prepare import ROUNDS, Prepared
+from .quest import Report
 from .reduced import Piece
 from .refit import Fit, refit
 from .reread import Rereading, odd_one_out, other_holds
-from .search import Report
 from .seen import Seen
 from .telling import Tell, silence
 
@@ -94,22 +95,20 @@ def _named(
     grids: single effects on theirs, as an earlier search left them; filled in. with_gains: where a gain of each
     recording takes more than a further effect promises, none is looked for.
     """
+    unseen = tuple(p for p in seen.pieces if not p.identify)
+    established = (CLIPPING,) if ready.limit is not None else ()
+    brief = Brief(
+        ready.campaign, ready.prior, ready.resolution_m, dict(overrides or {}), most_effects, established, unseen, say
+    )
     for last in range(ROUNDS, -1, -1):
         base = seen.base
         found = name_physics(
             base,
-            ready.campaign,
-            ready.prior,
             [features(p) for p in base.problem.pieces],
+            brief,
             rng,
-            resolution_m=ready.resolution_m,
-            overrides=overrides,
-            report=say,
-            most_effects=most_effects,
             spoiled=seen.spoiled if last else None,
-            established=(CLIPPING,) if ready.limit is not None else (),
             memory=grids,
-            unseen=[p for p in seen.pieces if not p.identify],
             begun=begun,
             otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
         )

@@ -20,7 +20,7 @@ from .go_on import calibrate_command
 from .hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
 from .judge import Judged
 from .locate import excess_by, where
-from .name import Naming
+from .naming import Naming
 from .own_gains import Gains
 from .own_limits import limit_as_shown
 from .prove import HeldOut

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .hypotheses import DELAY, NONE
-from .name import Naming
+from .naming import Naming
 from .phase import delay_of, share_below
 
 

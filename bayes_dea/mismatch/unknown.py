@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .discrepancy import AMPLITUDES_M
 from .features import Features, features
 from .locate import residuals
-from .name import Explanation
+from .naming import Explanation
 from .noise_prior import NoisePrior
 from .reduced import Piece
 from .refit import Fit, refit

@@ -9,7 +9,7 @@ from ..models.effects import registered_effects
 from .clipped import Limit, expectations, lost_m
 from .hypotheses import MAINS, NONE, UNKNOWN, prior_odds
 from .mains import mains_probability
-from .name import Naming
+from .naming import Naming
 from .reduced import Piece
 from .refit import Fit
 from .timing import as_timing

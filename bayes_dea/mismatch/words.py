@@ -11,7 +11,7 @@ from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
 from ..noise.mains import Mains
 from .hypotheses import MAINS, NONE, UNKNOWN
-from .name import Naming
+from .naming import Naming
 from .timing import SHIFT_NOTE
 from .weigh import Weighed
 
@@ -38,8 +38,9 @@ def statement(
                 text = f"Beyond that, the recordings give no reason to doubt {summary['model']} ({confidence})."
             else:
                 text = (
-                    f"No physics is claimed ({confidence}): {likelier['name']} is the likelier explanation (probability "
-                    f"{likelier['probability']:.2g}), but a shift of readings, which lacks no physics, is not ruled out."
+                    f"No physics is claimed ({confidence}): {likelier['name']} is the likelier explanation "
+                    f"(probability {likelier['probability']:.2g}), but a shift of readings, which lacks no physics, is "
+                    "not ruled out."
                 )
             others = [m for m in summary["indistinguishable"] if m != NONE]
             return text + (f" They cannot tell that shift from {', '.join(others)}." if others else "")

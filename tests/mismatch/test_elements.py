@@ -10,14 +10,15 @@ from bayes_dea.assemble import assemble
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.elements import _nearer, counted
-from bayes_dea.mismatch.further import from_the_leader
 from bayes_dea.mismatch.hypotheses import extended
 from bayes_dea.mismatch.laws import COUNTS, laws_in, log_share
 from bayes_dea.mismatch.locate import ADEQUATE, scan
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.problem import Problem
+from bayes_dea.mismatch.quest import Quest
 from bayes_dea.mismatch.reduced import reduce_campaign
 from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.rivals import from_the_leader
 from bayes_dea.mismatch.weigh import Weighed
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import FRICTION_ELEMENTS, plant_of
@@ -130,7 +131,7 @@ def test_elements_that_are_counted_for_one_explanation_are_counted_for_its_rival
 
     leader = explained(("stretch_dependent_permittivity", FRICTION), 12)
     rival = explained((FRICTION, "sensor_nonlinearity"), 64)
-    (found,) = from_the_leader(leader, [rival], base, prior, lambda *_: None)
+    (found,) = from_the_leader(leader, [rival], Quest(base, (), {}, prior, np.random.default_rng(1)))
     assert found.effects == rival.effects
     assert found.fit.problem.model.priors.fixed["friction_elements"] == 12.0
     assert found.log_evidence > rival.log_evidence + 20.0

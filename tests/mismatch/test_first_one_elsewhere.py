@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import further
+from bayes_dea.mismatch import second_thoughts
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.quest import Quest
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.relabel import within
 
 
 def test_a_grid_says_that_it_is_elsewhere(monkeypatch):
-    monkeypatch.setattr(further, "own_index", lambda fit, model: np.array([2, 0]))
+    monkeypatch.setattr(second_thoughts, "own_index", lambda fit, model: np.array([2, 0]))
 
     def model(names):
         return SimpleNamespace(priors=SimpleNamespace(names=names, scales=lambda: np.array([2.0, 1.0, 0.5])))
@@ -26,14 +27,14 @@ def test_a_grid_says_that_it_is_elsewhere(monkeypatch):
 
     fit = SimpleNamespace(problem=SimpleNamespace(model=model(("c", "a", "b"))), q=np.array([5.0, 3.0, 1.0]))
     pair, alone = SimpleNamespace(fit=fit), SimpleNamespace(fit=None)
-    assert not further._elsewhere(best((5.04, 3.19), (5.0, 3.0)), pair, alone)  # c is known to 0.5, a to 2
-    assert further._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
-    assert further._elsewhere(best((5.0, 2.79), (5.0, 3.0)), pair, alone)
-    assert not further._elsewhere(best((5.06, 3.0), (5.05, 3.0)), pair, alone)  # the grid is as coarse
-    assert further._elsewhere(best((9.0, 9.0)), pair, alone)  # the grid has nothing near it
-    assert further._elsewhere(best((9.0, 3.0), (8.5, 3.0), (8.1, 3.0)), pair, alone)
+    assert not second_thoughts._elsewhere(best((5.04, 3.19), (5.0, 3.0)), pair, alone)  # c is known to 0.5, a to 2
+    assert second_thoughts._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
+    assert second_thoughts._elsewhere(best((5.0, 2.79), (5.0, 3.0)), pair, alone)
+    assert not second_thoughts._elsewhere(best((5.06, 3.0), (5.05, 3.0)), pair, alone)  # the grid is as coarse
+    assert second_thoughts._elsewhere(best((9.0, 9.0)), pair, alone)  # the grid has nothing near it
+    assert second_thoughts._elsewhere(best((9.0, 3.0), (8.5, 3.0), (8.1, 3.0)), pair, alone)
     fit.problem.model = model(("c", "a"))  # another law, without b
-    assert not further._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
+    assert not second_thoughts._elsewhere(best((5.06, 3.0), (5.0, 3.0)), pair, alone)
 
 
 @pytest.mark.long
@@ -49,8 +50,9 @@ def test_a_mass_that_rings_at_another_frequency_is_found_beside_a_dead_zone():
     stuck = refit(fit.problem, q, fit.noise, prior, max_steps=0, fit_noise=False)
     pair = replace(known, fit=stuck, value=np.inf)
     given = effect_priors(names, result.assembled.campaign)
+    quest = Quest(base, tuple(names), given, prior, np.random.default_rng(1))
     alone = within(pair, base, extended(base.problem.model, names[:1], given), prior)
-    found = further.beside_the_second(pair, alone, base, base.problem.model, names, prior, given, lambda *_: None)
+    found = second_thoughts.beside_the_second(pair, alone, quest)
     assert [w.effects for w in found] == [known.effects]
     assert found[0].fit.objective < fit.objective + 1.0
-    assert further.beside_the_second(known, alone, base, base.problem.model, names, prior, given, lambda *_: None) == []
+    assert second_thoughts.beside_the_second(known, alone, quest) == []

@@ -6,13 +6,10 @@ import numpy as np
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.further import again, from_the_leader
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.quest import Quest
 from bayes_dea.mismatch.refit import refit
-
-
-def quiet(*_):
-    """Nothing is said."""
+from bayes_dea.mismatch.rivals import again, from_the_leader
 
 
 def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
@@ -28,7 +25,8 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     behind = stuck.log_evidence - fit.log_evidence
     assert -60.0 < behind < -5.0  # the premise
     astray = replace(rival, fit=stuck, log_evidence=rival.log_evidence + behind)
-    (back,) = from_the_leader(leader, [astray, leader], fit, prior, quiet)
+    quest = Quest(fit, (), {}, prior, np.random.default_rng(1))
+    (back,) = from_the_leader(leader, [astray, leader], quest)
     assert back.effects == rival.effects
     assert abs(back.log_evidence - rival.log_evidence) < 1.0
     # as does one of another reading of these recordings, where they are read anew
@@ -36,4 +34,4 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     assert known.effects == rival.effects
     assert known.log_evidence > stuck.log_evidence + 0.9 * abs(behind)
     # a rival that stands well is not moved, or by next to nothing
-    assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], fit, prior, quiet))
+    assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], quest))

@@ -10,6 +10,7 @@ from bayes_dea.campaign import load_campaign
 from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.quest import Quest
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.weigh import Weighed
 
@@ -52,7 +53,7 @@ def test_what_is_dear_is_not_gone_on_with_behind_a_leader_that_leaves_something(
     monkeypatch.setattr(search, "overlooked", lambda *_: [])
     monkeypatch.setattr(search, "stands_in", lambda _: False)
     monkeypatch.setattr(search, "own_index", lambda *_: np.zeros(5, dtype=int))  # no ridge to go along
-    out = search.refined(base, screened, None, lambda *_: None, 1, None, adequate=lambda fit: not leaves)
+    out = search.refined(base, screened, Quest(base, (), {}, None, None, adequate=lambda fit: not leaves))
     assert len(out) == 3
     assert went == gone_on
 

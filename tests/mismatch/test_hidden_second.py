@@ -9,7 +9,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.mismatch import further
+from bayes_dea.mismatch import beside
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.locate import ADEQUATE, scan
 
@@ -48,7 +48,7 @@ def test_a_weak_second_effect_is_found_with_its_rivals_beside_one_that_seems_eno
 
 def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
     fitted, looked_at = [], []
-    refined, screen = further.refined, further.screen
+    refined, screen = beside.refined, beside.screen
 
     def refining(base, screened, *rest, **keys):
         fitted.append([s.effects for s in screened])
@@ -58,8 +58,8 @@ def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
         looked_at.append(effects)
         return screen(frames, model, effects, *rest, **keys)
 
-    monkeypatch.setattr(further, "refined", refining)  # the search for single effects has it from elsewhere
-    monkeypatch.setattr(further, "screen", screening)
+    monkeypatch.setattr(beside, "refined", refining)  # the search for single effects has it from elsewhere
+    monkeypatch.setattr(beside, "screen", screening)
     result = diagnose(concealed(DELAY), "hooke+gm3", seed=1)
     assert result.summary["indistinguishable"] == ["acquisition_delay"]
     assert sum("acquisition_delay" in effects and len(effects) == 2 for effects in looked_at) > 15

@@ -124,7 +124,7 @@ def test_pairs_that_were_put_off_are_sought_where_gains_do_not_settle_it(monkeyp
     monkeypatch.setattr(sought, "_with_gains_that_matter", lambda *_: [])
     monkeypatch.setattr(sought, "_reread", lambda *_: None)
 
-    def watched(base, campaign, prior, looks, rng, otherwise, memory, **_):
+    def watched(base, looks, brief, rng, otherwise, memory, **_):
         asked.append(otherwise(base))
         grids.append(memory)
         return SimpleNamespace(best=SimpleNamespace(adequate=False), put_off=asked[-1] > 0.0)
@@ -152,8 +152,8 @@ def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off
     for further in ("second_thoughts", "in_place_of_the_first", "beside_the_next"):
         monkeypatch.setattr(name, further, lambda *_: [])
     found = name.name_physics(
-        fit, campaign, prior, [features(p) for p in fit.problem.pieces], np.random.default_rng(1),
-        resolution_m=1.5e-7, otherwise=lambda _: 300.0,
+        fit, [features(p) for p in fit.problem.pieces], name.Brief(campaign, prior, 1.5e-7), np.random.default_rng(1),
+        otherwise=lambda _: 300.0,
     )  # fmt: skip
     assert not found.best.adequate
     assert (bool(tried), found.put_off) == (sought_first, put_off)

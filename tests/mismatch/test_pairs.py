@@ -5,9 +5,10 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.further import second_thoughts
 from bayes_dea.mismatch.hypotheses import effect_priors
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.quest import Quest
+from bayes_dea.mismatch.second_thoughts import second_thoughts
 
 LEAK = {"R_leak_ohm": 1e8, "R_s_ohm": 9.4e4, "E_0_V_per_m": 1.45e6}
 HYSTERESIS = {"sigma_y_Pa": 8800.0, "eps_y": 2.25e-3}
@@ -34,11 +35,8 @@ def test_another_first_effect_is_found_beside_the_second():
     pair = result.naming.weighed["amplitude_softening+mullins_softening"]
     names = ["thickness_feedback", "stretch_dependent_permittivity", "amplitude_softening", "mullins_softening"]
     priors = dict(effect_priors(names, result.assembled.campaign))
-    base = result.base
-    found = second_thoughts(
-        pair, base, base.problem.model, names, noise_prior(result.assembled), priors, lambda *_: None,
-        np.random.default_rng(1),
-    )  # fmt: skip
+    prior = noise_prior(result.assembled)
+    found = second_thoughts(pair, Quest(result.base, tuple(names), priors, prior, np.random.default_rng(1)))
     best = max(found, key=lambda w: w.log_evidence)
     assert set(best.effects) == {"thickness_feedback", "mullins_softening"}
     assert best.log_evidence > pair.log_evidence + 5.0

@@ -9,7 +9,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.features import features
-from bayes_dea.mismatch.name import Explanation
+from bayes_dea.mismatch.naming import Explanation
 from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.prove import held_out
 from bayes_dea.mismatch.reduced import reduce_campaign

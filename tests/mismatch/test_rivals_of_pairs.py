@@ -3,11 +3,16 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 
-from bayes_dea.mismatch import further
+from bayes_dea.mismatch import pairs, second_thoughts
+from bayes_dea.mismatch.beside import names_beside
+from bayes_dea.mismatch.quest import Quest
 
+#: the fit that effects are added to
+BASE = SimpleNamespace(problem=SimpleNamespace(model=None))
 NAMES = ["series_resistance", "leakage", "thickness_feedback", "sensor_nonlinearity"]
 
 
@@ -21,21 +26,29 @@ class Stub:
     laws: Mapping[str, str] = field(default_factory=dict)
 
 
+def quest(adequate=None, base=None):
+    """A search among `NAMES`; stubs leave what their fit says."""
+    return Quest(base, tuple(NAMES), {}, None, np.random.default_rng(0), adequate=adequate)
+
+
+def noise_is_left(fit):
+    return fit < 10.0
+
+
 def test_what_does_as_well_alone_is_tried_beside_the_best_second_effects(monkeypatch):
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, reached):
-        asked.append((best.effects, list(names), reached))
-        return [Stub((*best.effects, n), best.log_evidence) for n in names]
+    def beside(best, quest, reached):
+        asked.append((best.effects, list(quest.names), reached))
+        return [Stub((*best.effects, n), best.log_evidence) for n in quest.names]
 
-    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(pairs, "beside", beside)
     lag = Stub(("sensor_lag",), 100.0)
     singles = [lag, Stub(("parallel_damper",), 99.9), Stub(("inertia",), 20.0), Stub(("leakage",), 85.0)]
-    pairs = [Stub(("thickness_feedback", "sensor_lag"), 500.0),
+    found = [Stub(("thickness_feedback", "sensor_lag"), 500.0),
              Stub(("sensor_lag", "sensor_nonlinearity"), 495.0, value=7.0),
              Stub(("sensor_lag", "leakage"), 300.0)]
-    out = further.in_place_of_the_first(
-        lag, pairs, [*singles, *pairs], None, NAMES, None, {}, None, np.random.default_rng(0))
+    out = pairs.in_place_of_the_first(lag, found, [*singles, *found], quest())
     assert asked == [
         (("parallel_damper",), ["thickness_feedback", "sensor_nonlinearity"], 7.0),
         (("leakage",), ["thickness_feedback", "sensor_nonlinearity"], 7.0),  # what stays far behind 7 is given up
@@ -47,26 +60,26 @@ def test_where_nothing_helps_beside_the_leader_all_is_tried_beside_the_next(monk
     """A mass with much damping does what two lags do; the second effect only shows beside one of these."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, reached=math.inf):
-        asked.append((best.effects, list(names)))
-        return [Stub((*best.effects, n), 150.0 if n == "series_resistance" else 90.0) for n in names]
+    def beside(best, quest, reached=math.inf):
+        asked.append((best.effects, list(quest.names)))
+        return [Stub((*best.effects, n), 150.0 if n == "series_resistance" else 90.0) for n in quest.names]
 
-    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(pairs, "beside", beside)
     mass = Stub(("inertia",), 102.5)
     singles = [mass, Stub(("sensor_lag",), 100.0), Stub(("parallel_damper",), 99.9), Stub(("leakage",), 20.0)]
-    pairs = [Stub(("inertia", "leakage"), 102.4), Stub(("inertia", "sensor_nonlinearity"), 101.0)]
-    given = ([*singles, *pairs], None, NAMES, None, {}, None, np.random.default_rng(0))
-    out = further.in_place_of_the_first(mass, pairs, *given)
+    found = [Stub(("inertia", "leakage"), 102.4), Stub(("inertia", "sensor_nonlinearity"), 101.0)]
+    all_of_them = [*singles, *found]
+    out = pairs.in_place_of_the_first(mass, found, all_of_them, quest())
     assert asked == [(("sensor_lag",), NAMES), (("parallel_damper",), ["series_resistance"])]
     assert {"sensor_lag", "parallel_damper"} == {w.effects[0] for w in out if w.log_evidence == 150.0}
     # the same where no second effect promised anything beside the leader, so that none was fitted
     asked.clear()
-    out = further.in_place_of_the_first(mass, [], *given)
+    out = pairs.in_place_of_the_first(mass, [], all_of_them, quest())
     assert asked == [(("sensor_lag",), NAMES), (("parallel_damper",), ["series_resistance"])]
     assert len(out) == len(NAMES) + 1
     # alone it has no rival to go on from
     asked.clear()
-    assert further.in_place_of_the_first(mass, pairs, [mass, *pairs], *given[1:]) == []
+    assert pairs.in_place_of_the_first(mass, found, [mass, *found], quest()) == []
     assert asked == []
 
 
@@ -74,19 +87,18 @@ def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(mon
     """A mass that rings beyond what is sampled does what a lag does, and is dear beside anything else."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+    def beside(best, quest, reached=math.inf):
         asked.append(best.effects)
         left = lag_leaves if best.effects == ("sensor_lag",) else 0.0
         return [Stub((*best.effects, "leakage"), 300.0 - left, left), Stub((*best.effects, "sensor_drift"), 1.0, 400.0)]
 
-    monkeypatch.setattr(further, "beside", beside)
-    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    monkeypatch.setattr(pairs, "beside", beside)
+    monkeypatch.setattr(pairs, "excess", lambda fit, prior: fit)
     lag_leaves = 0.0
 
     def begun(mass, *others, thoughts=None):
         asked.clear()
-        start, found = further.beside_the_leader(
-            mass, [mass, *others], None, NAMES, None, {}, None, None, lambda fit: fit < 10.0, thoughts)
+        start, found = pairs.beside_the_leader(mass, [mass, *others], quest(noise_is_left), thoughts)
         return start.effects[0], list(asked), [w.effects for w in found]
 
     mass, lag = Stub(("inertia",), 100.0, 400.0), Stub(("sensor_lag",), 10.0, 490.0)  # 90 nats of the 400 that are left
@@ -112,13 +124,13 @@ def test_what_is_quick_is_tried_before_what_is_dear_and_explains_hardly_more(mon
 def test_a_mode_that_stands_in_beside_what_is_quick_is_looked_behind_before_what_is_dear(monkeypatch):
     asked, thought_of = [], []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+    def beside(best, quest, reached=math.inf):
         asked.append(best.effects)
         on_grid = Stub((*best.effects, "fractional_relaxation"), 900.0, 0.0, refitted=False)
         return [Stub((*best.effects, "extra_relaxation_mode"), 200.0, 300.0), on_grid]
 
-    monkeypatch.setattr(further, "beside", beside)
-    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    monkeypatch.setattr(pairs, "beside", beside)
+    monkeypatch.setattr(pairs, "excess", lambda fit, prior: fit)
     softening, zone = Stub(("amplitude_softening",), 100.0, 400.0), Stub(("supply_dead_zone",), 10.0, 490.0)
 
     def begun(behind):
@@ -128,8 +140,7 @@ def test_a_mode_that_stands_in_beside_what_is_quick_is_looked_behind_before_what
 
         asked.clear()
         thought_of.clear()
-        return further.beside_the_leader(
-            softening, [softening, zone], None, NAMES, None, {}, None, None, lambda fit: fit < 10.0, thoughts)
+        return pairs.beside_the_leader(softening, [softening, zone], quest(noise_is_left), thoughts)
 
     pair = Stub(("supply_dead_zone", "leakage"), 490.0, 5.0)
     start, found = begun(pair)
@@ -147,22 +158,21 @@ def test_beside_a_leak_that_is_hardly_more_than_its_resistance_the_resistance_is
     """The leak costs ten times as much to simulate; where it matters it is put back once there is a pair."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+    def beside(best, quest, reached=math.inf):
         asked.append(best.effects)
         return [Stub((*best.effects, "inertia"), 300.0, 400.0)]
 
-    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(pairs, "beside", beside)
     leak, plain = Stub(("leakage",), 100.0, 900.0), Stub(("series_resistance",), 97.0, 905.0)
-    given = (None, NAMES, None, {}, None, None, lambda fit: False, lambda w: w)
-    start, found = further.beside_the_leader(leak, [leak, plain], *given)
+    given = (quest(lambda fit: False), lambda w: w)
+    start, found = pairs.beside_the_leader(leak, [leak, plain], *given)
     assert (start, asked) == (plain, [plain.effects])
     # nor is it tried as a rival of the first of the pair that was found
     asked.clear()
-    assert further.in_place_of_the_first(
-        plain, found, [leak, plain, *found], None, NAMES, None, {}, None, np.random.default_rng(0)) == []
+    assert pairs.in_place_of_the_first(plain, found, [leak, plain, *found], quest()) == []
     assert asked == []
     # a leak that explains clearly more stays what it is
-    start, _ = further.beside_the_leader(leak, [leak, Stub(("series_resistance",), 50.0, 950.0)], *given)
+    start, _ = pairs.beside_the_leader(leak, [leak, Stub(("series_resistance",), 50.0, 950.0)], *given)
     assert start is leak
 
 
@@ -170,36 +180,36 @@ def test_a_leak_in_a_pair_that_is_hardly_more_than_its_resistance_is_looked_for_
     """A pair whose leak does nothing led by chance: with the leak there already, no grid would have looked for it."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate=None, reached=math.inf):
+    def beside(best, quest, reached=math.inf):
         asked.append(best.effects)
         return []
 
-    monkeypatch.setattr(further, "beside", beside)
+    monkeypatch.setattr(pairs, "beside", beside)
     idle, plain = (Stub((first, "strain_stiffening"), 100.0, 900.0) for first in ("leakage", "series_resistance"))
-    given = (None, NAMES, None, {}, None, None, lambda fit: False, lambda w: w)
-    start, _ = further.beside_the_leader(idle, [idle, plain], *given)
+    given = (quest(lambda fit: False), lambda w: w)
+    start, _ = pairs.beside_the_leader(idle, [idle, plain], *given)
     assert (start, asked) == (plain, [plain.effects])
     # beside another second effect it says nothing, nor where the leak is needed
     other = Stub(("series_resistance", "sensor_drift"), 100.0, 900.0)
     needed = Stub(("series_resistance", "strain_stiffening"), 50.0, 950.0)
-    start, _ = further.beside_the_leader(idle, [idle, other, needed], *given)
+    start, _ = pairs.beside_the_leader(idle, [idle, other, needed], *given)
     assert start is idle
 
 
 def test_a_mass_that_explains_nothing_alone_gets_no_other_first(monkeypatch):
     """A mass beside friction took forty seconds to be paired with everything, though alone it left all there was."""
     asked = []
-    monkeypatch.setattr(further, "extended", lambda model, effects, given: tuple(effects))
-    monkeypatch.setattr(further, "beside_the_second", lambda w, alone, *_: asked.append(alone.effects) or [])
-    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
+    monkeypatch.setattr(second_thoughts, "extended", lambda model, effects, given: tuple(effects))
+    monkeypatch.setattr(second_thoughts, "beside_the_second", lambda w, alone, *_: asked.append(alone.effects) or [])
+    monkeypatch.setattr(second_thoughts, "excess", lambda fit, prior: 1000.0 if fit is BASE else fit)
 
     def thoughts(second, left):
         alone = {("rate_independent_hysteresis",): Stub(("rate_independent_hysteresis",), 50.0, 40.0),
                  (second,): Stub((second,), 10.0, left)}
-        monkeypatch.setattr(further, "within", lambda w, base, m, prior: alone[m])
+        monkeypatch.setattr(second_thoughts, "within", lambda w, base, m, prior: alone[m])
         asked.clear()
         pair = Stub(("rate_independent_hysteresis", second), 100.0, 5.0)
-        further.second_thoughts(pair, 1000.0, None, NAMES, None, {}, lambda *_: None, None)
+        second_thoughts.second_thoughts(pair, quest(base=BASE))
         return asked
 
     assert thoughts("inertia", 990.0) == []
@@ -212,24 +222,22 @@ def test_beside_what_explains_next_to_nothing_no_pair_is_looked_for(monkeypatch)
     """Of what the base leaves the curvature explains two thirds, a dead zone a third, a damper a hundredth."""
     asked = []
 
-    def beside(best, model, names, prior, overrides, say, rng, adequate, reached):
+    def beside(best, quest, reached):
         asked.append(best.effects)
         return []
 
-    monkeypatch.setattr(further, "beside", beside)
-    monkeypatch.setattr(further, "excess", lambda fit, prior: fit)
-    none, first = Stub((), -1000.0, 1000.0), Stub(("sensor_nonlinearity",), -333.0, 333.0)
+    monkeypatch.setattr(pairs, "beside", beside)
+    monkeypatch.setattr(pairs, "excess", lambda fit, prior: fit)
+    first = Stub(("sensor_nonlinearity",), -333.0, 333.0)
     zone, damper = Stub(("supply_dead_zone",), -400.0, 700.0), Stub(("parallel_damper",), -380.0, 990.0)
-    rng = np.random.default_rng(0)
-    further.beside_the_next(
-        none, first, [], [first, zone, damper], None, NAMES, None, {}, None, rng, lambda fit: False)
+    pairs.beside_the_next(first, [], [first, zone, damper], quest(lambda fit: False, base=1000.0))
     assert asked == [zone.effects]
 
 
 def test_nothing_that_charges_the_dielectric_is_a_third_beside_a_mass():
     """Nor a mass beside that; beside the mass alone, where a pair of the two is found, it is looked for."""
     names = ["series_resistance", "leakage", "thickness_feedback", "inertia", "parallel_damper", "sensor_lag"]
-    beside = further.names_beside
+    beside = names_beside
     assert beside(Stub(("inertia",), 0.0), names) == [n for n in names if n not in ("inertia", "parallel_damper")]
     assert beside(Stub(("one_quadrant_supply", "inertia"), 0.0), names) == ["thickness_feedback", "sensor_lag"]
     assert beside(Stub(("leakage", "sensor_lag"), 0.0), names) == [

@@ -33,7 +33,8 @@ def test_an_effect_is_claimed_where_none_is_ruled_out(naming, none, verdict):
     assert p["none"] == pytest.approx(none)
 
 
-@pytest.mark.parametrize(("timing", "verdict"), [(0.5 * FALSE_ALARMS, "series_resistance"), (0.1, "none"), (0.6, "none")])
+@pytest.mark.parametrize(("timing", "verdict"), [(0.5 * FALSE_ALARMS, "series_resistance"),
+                                                 (0.1, "none"), (0.6, "none")])
 def test_a_shift_of_readings_that_is_not_ruled_out_may_be_all_there_is(naming, monkeypatch, timing, verdict):
     """That the model lacks nothing is ruled out; that its readings are a part of a sample late has to be as well."""
     alone = 0.1 * FALSE_ALARMS

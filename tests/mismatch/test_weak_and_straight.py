@@ -9,12 +9,12 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.mismatch import name
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.frame import Frame
 from bayes_dea.mismatch.grid import Scored, parabola, screen
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.known import Known
+from bayes_dea.mismatch.naming import Explanation, but_for_what_is_too_small
 from bayes_dea.mismatch.refit import refit
 
 
@@ -69,26 +69,25 @@ class Looked:
     p_value: float
 
 
-def test_what_is_left_is_judged_beside_an_effect_too_small_to_be_claimed(monkeypatch):
+def test_what_is_left_is_judged_beside_an_effect_too_small_to_be_claimed():
     """CONTRACT 1: what lies below one resolution step is not claimed as physics, nor is it a mismatch of no kind."""
     asked = []
 
-    def explain(w, *_):
+    def explained(w):
         asked.append(w.name)
-        return name.Explanation(w, Looked(0.5 if "sensor_drift" in w.effects else 1e-9), "its own")
+        return Explanation(w, Looked(0.5 if "sensor_drift" in w.effects else 1e-9), "its own")
 
-    monkeypatch.setattr(name, "explain", explain)
     none = Stub((), 0.0, 0.0)
     lag = Stub(("sensor_lag",), 100.0, 1e-6, object())
     drift = Stub(("sensor_lag", "sensor_drift"), 130.0, 1e-7, object())
     damper = Stub(("parallel_damper", "sensor_lag"), 140.0, 1e-7, object())
-    best = name.Explanation(lag, Looked(1e-8))
+    best = Explanation(lag, Looked(1e-8))
 
     def judged(*more):
         asked.clear()
         known = Known(none, 1.5e-7, {"single": 0.3, "double": 0.04}, 20)
         known.take([lag, *more])
-        return name._but_for_what_is_too_small(best, known, [], [], None, None, None)
+        return but_for_what_is_too_small(best, known, explained)
 
     out = judged(drift)
     assert out.weighed is lag

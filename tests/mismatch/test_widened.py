@@ -2,22 +2,21 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch import further
+from bayes_dea.mismatch.beside import puts_back
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.noise_prior import noise_prior
+from bayes_dea.mismatch.quest import Quest
 from bayes_dea.mismatch.refit import refit
 from bayes_dea.mismatch.relabel import within
+from bayes_dea.mismatch.second_thoughts import merged, widened
 from bayes_dea.mismatch.weigh import Weighed
 
 LEAK = {"R_leak_ohm": 5e8, "R_s_ohm": 6e4, "E_0_V_per_m": 1.2e6}
-
-
-def quiet(*_):
-    pass
 
 
 @pytest.mark.long
@@ -28,15 +27,16 @@ def test_a_leak_is_found_where_a_resistance_did_its_work():
     prior, model = noise_prior(result.assembled), base.problem.model
     given = effect_priors(["series_resistance", "leakage"], campaign)
     narrow = within(known["leakage"], base, extended(model, ["series_resistance"], given), prior)
-    found = further.widened(narrow, base, model, ["series_resistance", "leakage"], prior, given, quiet)
+    quest = Quest(base, ("series_resistance", "leakage"), given, prior, np.random.default_rng(1))
+    found = widened(narrow, quest)
     best = max(found, key=lambda w: w.log_evidence)
     assert best.effects == ("leakage",)
     assert best.log_evidence > narrow.log_evidence + 100
     assert abs(best.log_evidence - known["leakage"].log_evidence) < 5
     assert best.size_m > 1e-6
     # where it is no candidate, or is there already, nothing is looked for
-    assert further.widened(narrow, base, model, ["series_resistance"], prior, given, quiet) == []
-    assert further.widened(known["leakage"], base, model, ["series_resistance", "leakage"], prior, given, quiet) == []
+    assert widened(narrow, quest.among(["series_resistance"])) == []
+    assert widened(known["leakage"], quest) == []
 
 
 def test_a_leak_found_beside_a_resistance_is_a_leak():
@@ -48,11 +48,12 @@ def test_a_leak_found_beside_a_resistance_is_a_leak():
     start = Weighed((), base, base.log_evidence, 0.1, 0.0)
     pair = within(start, base, both, prior)
     assert set(pair.effects) == {"series_resistance", "leakage"}
-    (leak,) = further.merged([pair, start], base, model, prior, {})
+    quest = Quest(base, (), {}, prior, np.random.default_rng(1))
+    (leak,) = merged([pair, start], quest)
     assert leak.effects == ("leakage",)
     assert leak.fit.objective == pytest.approx(pair.fit.objective, abs=1.0)
     assert leak.log_evidence > base.log_evidence + 100.0
-    assert further.merged([leak], base, model, prior, {}) == []
+    assert merged([leak], quest) == []
 
 
 def test_what_would_be_put_back_into_what_is_known_is_not_looked_for():
@@ -63,8 +64,8 @@ def test_what_would_be_put_back_into_what_is_known_is_not_looked_for():
         effects: tuple[str, ...]
 
     leak = Stub(("leakage", "amplitude_softening", "sensor_drift"))
-    assert further._puts_back(Stub(("series_resistance", "amplitude_softening", "sensor_drift")), leak)
-    assert not further._puts_back(Stub(("series_resistance", "amplitude_softening")), leak)
-    assert not further._puts_back(Stub(("amplitude_softening", "sensor_drift")), leak)
+    assert puts_back(Stub(("series_resistance", "amplitude_softening", "sensor_drift")), leak)
+    assert not puts_back(Stub(("series_resistance", "amplitude_softening")), leak)
+    assert not puts_back(Stub(("amplitude_softening", "sensor_drift")), leak)
     both = Stub(("series_resistance", "supply_dead_zone", "amplitude_softening"))
-    assert not further._puts_back(Stub(("series_resistance", "amplitude_softening")), both)
+    assert not puts_back(Stub(("series_resistance", "amplitude_softening")), both)
