@@ -14,7 +14,7 @@ import numpy as np
 from ..models.model import Model, build_model
 from ..priors import Prior
 from .descent import Linearisation, value_at
-from .frame import FAR, Frame
+from .frame import Frame, near_by
 from .laws import COUNTED, COUNTS
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
@@ -88,7 +88,7 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
     if not found:
         return None
     _, likeliest, move, clean = min(found, key=lambda f: f[0])
-    start = fit.q + move if np.max(np.abs(move)) < FAR else fit.q
+    start = fit.q + near_by(move)
     # hardly another model: its sensitivities are nearly these
     near = Linearisation(fit.q, clean, fit.slopes, exact=False)
     return refit(likeliest, start, prior.start(), prior, coarse=True, known=near)

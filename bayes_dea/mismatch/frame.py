@@ -22,7 +22,7 @@ from .whitening import whiten, whiten_columns
 Array = NDArray[np.float64]
 
 #: how far (in logs) a fit is moved along linearly, at most: the logs bend
-FAR = 0.7
+_FAR = 0.7
 
 
 class Frame:
@@ -96,6 +96,12 @@ class Frame:
 def whiten_one(piece: Piece, r: Array, fit: Fit) -> Array:
     """Whitened column (nb,) of a piece."""
     return whiten_columns(piece, r[None], fit.noise)[0][0]
+
+
+def near_by(move: Array) -> Array:
+    """A linear move (d,), shortened to where it may still be trusted."""
+    length = float(np.max(np.abs(move), initial=0.0))
+    return move if length <= _FAR else move * (_FAR / length)
 
 
 def insert(base: Fit, model: Model, own: Array, move: Array | None = None) -> Array:

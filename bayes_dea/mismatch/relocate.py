@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..models.model import Model
 from .descent import approach, value_at
-from .frame import FAR, Frame
+from .frame import Frame, near_by
 from .noise_prior import NoisePrior
 from .refit import Fit, refit
 
@@ -45,8 +45,7 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
     for _ in range(_ROUNDS):
         ends = []
         enough = value_at(fit.problem, fit.q, prior.start())
-        # moved along linearly only where that is not far: the logs of a fit bend
-        starts = [q + move if np.max(np.abs(move)) < FAR else q for q, move in _starts(fit)]
+        starts = [q + near_by(move) for q, move in _starts(fit)]
         for start in [*starts, *_parted(fit)]:
             end = approach(fit.problem, start, prior.start(), hopeless_above=enough)
             if end is not None:

@@ -17,7 +17,7 @@ from scipy.special import erfcx
 from ..models.model import Model
 from ..priors import Prior
 from .descent import approach, inner_bounds, prior_derivatives
-from .frame import FAR, Frame, insert, own_index
+from .frame import Frame, insert, near_by, own_index
 from .grid import Scored, Screened, rings
 from .laws import laws_in
 from .noise_prior import NoisePrior
@@ -103,8 +103,8 @@ def _shifts(point: Scored) -> list[Array | None]:
     """
     if point.frame.far:
         return [None]
-    length = float(np.max(np.abs(point.move), initial=0.0))
-    return [point.move, *([point.move * (FAR / length)] if length > FAR else []), None]
+    shorter = near_by(point.move)
+    return [point.move, *([] if shorter is point.move else [shorter]), None]
 
 
 def _hopeless(reached: float, n: int, behind: float) -> float:

@@ -95,5 +95,7 @@ def test_two_of_which_neither_leads_alone_are_found_again_when_gains_are_set_fre
     result = diagnose(campaign_of(case), case.model, seed=1)
     weighed = result.naming.weighed
     assert weighed["supply_current_limit"].log_evidence > weighed["series_resistance"].log_evidence + 1000.0  # premise
-    assert result.verdict == "series_resistance+inertia"
+    # a leak that takes nothing is that resistance
+    assert result.verdict in ("series_resistance+inertia", "leakage+inertia")
+    assert "series_resistance+inertia" in result.summary["indistinguishable"]
     assert result.naming.best.adequate
