@@ -235,7 +235,7 @@ def _emulator_summary(emulation: Emulation, weights: Weights) -> dict[str, Any]:
 def _effect_starts(
     assembled: Assembled, model: Model, rng: np.random.Generator, s: CalibrationSettings
 ) -> list[NDArray[np.float64]]:
-    from .mismatch.starts import effect_starts
+    from .mismatch.search.starts import effect_starts
 
     return effect_starts(assembled, model, rng, s.map)
 

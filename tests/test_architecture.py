@@ -84,6 +84,13 @@ def test_rules(module):
     if module.startswith("bayes_dea.likelihood"):
         for room in ("fit", "checks", "report", "calibration"):
             assert not uses(module, f"bayes_dea.{room}"), "never back along the road"
+    if module.startswith("bayes_dea.gauss_newton"):
+        assert not uses(module, "bayes_dea.mismatch"), "what fits knows nothing of what is looked for by it"
+    if module.startswith("bayes_dea.mismatch."):
+        steps = ("where", "search", "readings")
+        step = next((k for k, s in enumerate(steps) if module.startswith(f"bayes_dea.mismatch.{s}")), None)
+        for later in steps[step + 1 :] if step is not None else ():
+            assert not uses(module, f"bayes_dea.mismatch.{later}"), "never back along the road"
     for stage, later in (("electrostatics", ("mechanics", "networks", "static")),):
         if module == f"bayes_dea.models.{stage}":
             assert not any(uses(module, f"bayes_dea.models.{x}") for x in later), "a stage knows no later stage"

@@ -131,7 +131,8 @@ def test_bridge_sampling_counts_its_densities():
 
 def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     """Those that a short run does not reach, or passes at once; nothing is fitted here."""
-    from bayes_dea.mismatch import ask, prove, reread
+    from bayes_dea.mismatch import ask, prove
+    from bayes_dea.mismatch.readings import reread
 
     said = []
 

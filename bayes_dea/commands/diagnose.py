@@ -60,7 +60,7 @@ def diagnose(
     from ..campaign import load_campaign
     from ..mismatch.diagnosis import DiagnosisSettings
     from ..mismatch.diagnosis import diagnose as run
-    from ..mismatch.hypotheses import parted
+    from ..mismatch.search.hypotheses import parted
     from ..mismatch.store import DIAGNOSIS_FILE, REPORT_FILE, save_diagnosis, terminal_summary
     from ..models.model import build_model
     from ..run_state import checkpoint_for, finished

@@ -225,7 +225,7 @@ def simulated_fit(
 
     Second differences of simulations take minutes and drown in their last digits: those of the emulator do not.
     """
-    from ..mismatch.starts import effect_starts
+    from ..mismatch.search.starts import effect_starts
 
     r_search, r_climb, r_survey, r_laplace = rng.spawn(4)
     starts = effect_starts(assembled, model, r_search, search)

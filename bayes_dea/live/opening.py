@@ -48,7 +48,7 @@ def opening(sessions: Sequence[tuple[Session, Array]], model: Model, bench: Benc
         a = assemble(campaign, model)
         given: Sequence[Array] = ()
         if model.spec.effects:
-            from ..mismatch.starts import effect_starts
+            from ..mismatch.search.starts import effect_starts
 
             given = effect_starts(a, model, r_map, s.map)
         found, posterior = find_map(a.posterior, a.search_model, list(a.search_groups), r_map, s.map,

@@ -16,14 +16,14 @@ from ..assemble import Assembled, assemble, linearised
 from ..campaign.schema import Campaign
 from ..find_map import find_map
 from ..fit.mixture import Mixture
-from ..mismatch.features import features
-from ..mismatch.grid import screen
-from ..mismatch.noise_prior import NoisePrior, noise_prior
-from ..mismatch.problem import Problem
-from ..mismatch.reduced import reduce_campaign
-from ..mismatch.refit import Fit, refit
-from ..mismatch.search import frames_of
-from ..mismatch.weigh import refine
+from ..gauss_newton.noise_prior import NoisePrior, noise_prior
+from ..gauss_newton.problem import Problem
+from ..gauss_newton.reduced import reduce_campaign
+from ..gauss_newton.refit import Fit, refit
+from ..mismatch.search.grid import screen
+from ..mismatch.search.promising import frames_of
+from ..mismatch.search.weigh import refine
+from ..mismatch.where.features import features
 from ..models.bare import bare_of
 from ..models.model import PRIMARY, Model
 from ..settings import CalibrationSettings

@@ -13,10 +13,10 @@ from ..experiments.costs import Costs
 from ..experiments.limits import limits_of_actuator
 from ..experiments.menu import Experiment
 from ..experiments.menu import menu as experiments
+from ..gauss_newton.refit import Fit
 from ..models.nodes import make_nodes
 from ..models.plant import plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
-from .refit import Fit
 from .telling import Tell, silence
 
 Array = NDArray[np.float64]

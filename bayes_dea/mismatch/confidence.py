@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from ..priors import prior_folder
-from .hypotheses import NONE
+from .search.hypotheses import NONE
 
 FILE = "confidence.toml"
 #: most that is given to one of several explanations that act: what splits them is a few nats, and equations that are a

@@ -16,30 +16,30 @@ from threadpoolctl import threadpool_limits
 from ..assemble import Assembled
 from ..campaign.schema import Campaign
 from ..find_map import MapSettings
+from ..gauss_newton.journal import Journal
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from . import second_look
 from .ask import first_experiment, next_experiment
-from .clipped import beyond_reach, restored
-from .features import Features
-from .frame import own_index
-from .hypotheses import NONE, UNKNOWN, parted, unweighed_note
-from .journal import Journal
 from .judge import Judged, judged, named_fit
 from .laps import Laps
-from .naming import Naming
 from .prepare import Prepared, prepared
-from .profile import profiled
 from .prove import HeldOut, held_out, proof, unanswered, without_validation
-from .quest import Report
-from .reduced import Piece
-from .refit import Fit
-from .reread import Foreign, held_out_gains, too_few_for_an_odd_one
-from .ridge import posterior
-from .seen import Seen
+from .readings.clipped import beyond_reach, restored
+from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
+from .readings.seen import Seen
+from .search.frame import own_index
+from .search.hypotheses import NONE, UNKNOWN, parted, unweighed_note
+from .search.naming import Naming
+from .search.profile import profiled
+from .search.quest import Report
+from .search.ridge import posterior
 from .sought import sought
 from .summary import ANOTHER, Draws, say_clipped, say_foreign, say_gains, say_odd, say_swinging, say_uneven, summarise
 from .telling import Tell, silence
 from .verdict import silent
+from .where.features import Features
 from .words import sentence, small_note
 
 Array = NDArray[np.float64]

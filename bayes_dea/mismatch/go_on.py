@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Any
 
-from .hypotheses import UNKNOWN
+from .search.hypotheses import UNKNOWN
 
 
 def calibrate_command(summary: Mapping[str, Any]) -> str:

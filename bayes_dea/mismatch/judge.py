@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .features import Features, features
-from .hypotheses import DELAY, NONE, UNKNOWN
-from .naming import Explanation, Naming
-from .own_gains import Gains, gains_of
-from .phase import sample_step_s
+from ..gauss_newton.refit import Fit
 from .prepare import Prepared
-from .refit import Fit
-from .seen import Seen
-from .swinging import Swinging, swinging
+from .readings.own_gains import Gains, gains_of
+from .readings.seen import Seen
+from .readings.swinging import Swinging, swinging
+from .readings.uneven import Uneven, uneven_scatter
+from .search.hypotheses import DELAY, NONE, UNKNOWN
+from .search.naming import Explanation, Naming
+from .search.phase import sample_step_s
 from .timing import timing_note
-from .uneven import Uneven, uneven_scatter
 from .unknown import Terms, repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
+from .where.features import Features, features
 from .words import small_note
 
 

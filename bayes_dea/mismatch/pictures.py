@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .diagnosis import Diagnosis
-from .features import HARMONICS, SINCE_EDGE
-from .locate import residuals
+from .where.features import HARMONICS, SINCE_EDGE
+from .where.locate import residuals
 
 Array = NDArray[np.float64]
 _MOST_POINTS = 4000

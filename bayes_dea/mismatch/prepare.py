@@ -10,18 +10,18 @@ from ..assemble import Assembled, assemble
 from ..campaign.schema import Campaign
 from ..errors import InputError
 from ..find_map import MapSettings
+from ..gauss_newton.journal import Journal
+from ..gauss_newton.noise_prior import NoisePrior, noise_prior
+from ..gauss_newton.problem import Problem
+from ..gauss_newton.reduced import Piece, reduce_campaign
+from ..gauss_newton.refit import refit
 from ..models.model import Model
-from .clipped import Limit, cut_out, sensor_limit
-from .first_fit import first_fit
-from .journal import Journal
 from .laps import Laps
-from .noise_prior import NoisePrior, noise_prior
-from .problem import Problem
-from .quest import Report
-from .reduced import Piece, reduce_campaign
-from .refit import refit
-from .seen import Seen
-from .size import STEP_M
+from .readings.clipped import Limit, cut_out, sensor_limit
+from .readings.seen import Seen
+from .search.first_fit import first_fit
+from .search.quest import Report
+from .where.size import STEP_M
 
 #: how often a fit is made again because it showed false readings
 ROUNDS = 3

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
+from ..gauss_newton.descent import Linearisation, reached
+from ..gauss_newton.noise_prior import NoisePrior
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit, refit
+from ..gauss_newton.whitening import whiten
 from ..noise.blocks import block_means
-from .descent import Linearisation, reached
-from .frame import own_index
-from .noise_prior import NoisePrior
-from .own_offset import offset_and_gain, own_offset_and_gain
-from .own_zero import with_zeros
-from .reduced import Piece
-from .refit import Fit, refit
+from .readings.own_offset import offset_and_gain, own_offset_and_gain
+from .readings.own_zero import with_zeros
+from .search.frame import own_index
 from .telling import Tell, silence
-from .whitening import whiten
 
 Array = NDArray[np.float64]
 Beside = Callable[[Piece, Array, Array], tuple[Array, Array]]

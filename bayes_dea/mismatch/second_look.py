@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from ..campaign.schema import Campaign
-from .clipped import Limit, below
-from .descent import Linearisation
-from .hypotheses import NONE
-from .laws import tells_law
-from .locate import ADEQUATE, scan
-from .noise_prior import NoisePrior
-from .own_zero import with_zeros
-from .problem import Problem
-from .reduced import Piece
-from .refit import Fit, refit
-from .swinging import swinging
+from ..gauss_newton.descent import Linearisation
+from ..gauss_newton.laws import tells_law
+from ..gauss_newton.noise_prior import NoisePrior
+from ..gauss_newton.problem import Problem
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit, refit
+from .readings.clipped import Limit, below
+from .readings.own_zero import with_zeros
+from .readings.swinging import swinging
+from .search.hypotheses import NONE
+from .where.locate import ADEQUATE, scan
 
 
 def contradiction(

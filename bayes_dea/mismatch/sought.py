@@ -13,22 +13,22 @@ from typing import Any
 import numpy as np
 
 from ..campaign.schema import Campaign
-from .features import features
-from .grid import Screened
-from .hypotheses import UNKNOWN
-from .locate import is_adequate, scan
-from .name import Brief, name_physics, weigh_delay
-from .naming import Naming
-from .noise_prior import NoisePrior
-from .own_gains import MOVED, Loosened, worth_a_search
-from .own_limits import CLIPPING, limit_of_readings
+from ..gauss_newton.noise_prior import NoisePrior
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit, refit
 from .prepare import ROUNDS, Prepared
-from .quest import Report
-from .reduced import Piece
-from .refit import Fit, refit
-from .reread import Rereading, odd_one_out, other_holds
-from .seen import Seen
+from .readings.own_gains import MOVED, Loosened, worth_a_search
+from .readings.own_limits import CLIPPING, limit_of_readings
+from .readings.reread import Rereading, odd_one_out, other_holds
+from .readings.seen import Seen
+from .search.grid import Screened
+from .search.hypotheses import UNKNOWN
+from .search.name import Brief, name_physics, weigh_delay
+from .search.naming import Naming
+from .search.quest import Report
 from .telling import Tell, silence
+from .where.features import features
+from .where.locate import is_adequate, scan
 
 #: nats by which another hold convention must be ahead to be taken before effects are weighed
 _BY_FAR = 100.0

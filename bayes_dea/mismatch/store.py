@@ -14,8 +14,8 @@ import numpy as np
 from ..experiments.words import recording_in_words
 from ..results import not_said, write_bytes, write_json
 from .diagnosis import Diagnosis
-from .hypotheses import UNKNOWN
 from .pictures import picture_data
+from .search.hypotheses import UNKNOWN
 
 DIAGNOSIS_FILE = "diagnosis.json"
 DATA_FILE = "diagnosis.npz"

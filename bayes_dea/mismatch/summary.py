@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..assemble import Assembled
 from ..campaign.schema import Campaign
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from ..priors import Prior
-from .clipped import Limit
 from .confidence import confidence_of
 from .go_on import calibrate_command
-from .hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
 from .judge import Judged
-from .locate import excess_by, where
-from .naming import Naming
-from .own_gains import Gains
-from .own_limits import limit_as_shown
 from .prove import HeldOut
-from .reduced import Piece
-from .refit import Fit
-from .reread import Foreign, Rereading
-from .swinging import Swinging
-from .uneven import Uneven
+from .readings.clipped import Limit
+from .readings.own_gains import Gains
+from .readings.own_limits import limit_as_shown
+from .readings.reread import Foreign, Rereading
+from .readings.swinging import Swinging
+from .readings.uneven import Uneven
+from .search.hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
+from .search.naming import Naming
 from .verdict import silent
+from .where.locate import excess_by, where
 from .words import silent_note, statement
 
 Array = NDArray[np.float64]

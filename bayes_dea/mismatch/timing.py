@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .hypotheses import DELAY, NONE
-from .naming import Naming
-from .phase import delay_of, share_below
+from .search.hypotheses import DELAY, NONE
+from .search.naming import Naming
+from .search.phase import delay_of, share_below
 
 
 @dataclass(frozen=True)

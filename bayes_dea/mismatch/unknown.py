@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .discrepancy import AMPLITUDES_M
-from .features import Features, features
-from .locate import residuals
-from .naming import Explanation
-from .noise_prior import NoisePrior
-from .reduced import Piece
-from .refit import Fit, refit
-from .size import stiffness
-from .whitening import whiten_columns
+from ..gauss_newton.noise_prior import NoisePrior
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit, refit
+from ..gauss_newton.whitening import whiten_columns
+from .search.naming import Explanation
+from .where.discrepancy import AMPLITUDES_M
+from .where.features import Features, features
+from .where.locate import residuals
+from .where.size import stiffness
 
 Array = NDArray[np.float64]
 #: terms that are tried: name, stage, what they act on

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ..gauss_newton.reduced import Piece
+from ..gauss_newton.refit import Fit
 from ..models.effects import registered_effects
-from .clipped import Limit, expectations, lost_m
-from .hypotheses import MAINS, NONE, UNKNOWN, prior_odds
-from .mains import mains_probability
-from .naming import Naming
-from .reduced import Piece
-from .refit import Fit
+from .readings.clipped import Limit, expectations, lost_m
+from .readings.mains import mains_probability
+from .search.hypotheses import MAINS, NONE, UNKNOWN, prior_odds
+from .search.naming import Naming
 from .timing import as_timing
 
 #: something is claimed to be left out where "none" has no more probability than this. Before the recordings are seen it

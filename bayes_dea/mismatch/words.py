@@ -10,10 +10,10 @@ from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
 from ..noise.mains import Mains
-from .hypotheses import MAINS, NONE, UNKNOWN
-from .naming import Naming
+from .search.hypotheses import MAINS, NONE, UNKNOWN
+from .search.naming import Naming
+from .search.weigh import Weighed
 from .timing import SHIFT_NOTE
-from .weigh import Weighed
 
 #: share of an error by which it has to move to be said in its digits, and nats of ELPD that are worth a word
 _MOVES, _A_NAT = 0.005, 1.0

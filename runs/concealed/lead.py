@@ -40,10 +40,10 @@ def _timing(case: Any) -> set[str]:
 
 def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     """Laplace's log evidence of the true model, fitted from the true values."""
-    from bayes_dea.mismatch.hypotheses import effect_priors, extended
-    from bayes_dea.mismatch.laws import COUNTED, VARIANTS
-    from bayes_dea.mismatch.noise_prior import noise_prior
-    from bayes_dea.mismatch.refit import refit
+    from bayes_dea.gauss_newton.laws import COUNTED, VARIANTS
+    from bayes_dea.gauss_newton.noise_prior import noise_prior
+    from bayes_dea.gauss_newton.refit import refit
+    from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
     from bayes_dea.priors import Prior
 
     base = result.base

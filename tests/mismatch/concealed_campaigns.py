@@ -9,9 +9,9 @@ from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.bench.simulate import simulate
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.reduced import reduce_campaign
 from bayes_dea.models.model import build_model
 
 ACCURACY = {"displacement": bd.Sensor(4.7e-6, 19.4e-6, 0.15e-6), "force": bd.Sensor(5e-3, 2e-2, 1e-3),

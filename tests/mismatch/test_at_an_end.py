@@ -8,8 +8,8 @@ import pytest
 from concealed_campaigns import concealed
 from scipy.integrate import quad
 
-from bayes_dea.mismatch import weigh
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.search import weigh
 
 
 @pytest.mark.parametrize("slope", [0.0, 1.5, 40.0])

@@ -8,7 +8,7 @@ from concealed_campaigns import concealed
 from test_campaign_faults import with_column
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.locate import scan
+from bayes_dea.mismatch.where.locate import scan
 
 
 def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3, hidden=None):

@@ -9,8 +9,8 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 
 import bayes_dea as bd
-from bayes_dea.mismatch.clipped import moments_above
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.readings.clipped import moments_above
 
 
 def with_column(campaign, name, change):

@@ -10,9 +10,9 @@ from bayes_dea.assemble import assemble
 from bayes_dea.bench.rig import Geometry
 from bayes_dea.campaign import Actuator, Sensor, recording_from_arrays
 from bayes_dea.forward import imposed_position
+from bayes_dea.gauss_newton.reduced import _mechanical_piece, _touching, reduce_campaign
+from bayes_dea.gauss_newton.whitening import Noise, whiten_columns
 from bayes_dea.likelihood.prepare import Prepared
-from bayes_dea.mismatch.reduced import _mechanical_piece, _touching, reduce_campaign
-from bayes_dea.mismatch.whitening import Noise, whiten_columns
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
 from bayes_dea.models.simulate_plant import simulate_plates

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch import descent
-from bayes_dea.mismatch.chart import carried, moved
-from bayes_dea.mismatch.descent import Linearisation, bounds, descended
-from bayes_dea.mismatch.problem import Kept, Problem
+from bayes_dea.gauss_newton import descent
+from bayes_dea.gauss_newton.chart import carried, moved
+from bayes_dea.gauss_newton.descent import Linearisation, bounds, descended
+from bayes_dea.gauss_newton.problem import Kept, Problem
 
 
 @pytest.fixture(scope="module")

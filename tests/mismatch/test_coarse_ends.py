@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch import descent
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.gauss_newton import descent
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.refit import refit
 
 
 def _end(effects, coarse):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch.damping import FIRST, after, metric_root, share_that_holds, stronger
-from bayes_dea.mismatch.descent import bounded_step
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.gauss_newton.damping import FIRST, after, metric_root, share_that_holds, stronger
+from bayes_dea.gauss_newton.descent import bounded_step
+from bayes_dea.gauss_newton.refit import refit
 
 
 @pytest.mark.parametrize("lost", [0.01, 1.0, 30.0])

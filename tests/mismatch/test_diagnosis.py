@@ -100,7 +100,7 @@ def test_correlated_noise_louder_than_stated_is_no_mismatch():
 
 
 def test_without_recordings_to_validate_the_proof_leaves_out_in_turn(diagnosed):
-    from bayes_dea.mismatch.noise_prior import noise_prior
+    from bayes_dea.gauss_newton.noise_prior import noise_prior
     from bayes_dea.mismatch.prove import leave_out_in_turn
 
     result = diagnosed("one_quadrant_supply", CASES["one_quadrant_supply"][0])
@@ -156,7 +156,7 @@ def test_every_effect_explains_itself_with_its_numbers():
 
 
 def test_an_effect_that_is_there_already_is_not_offered():
-    from bayes_dea.mismatch.hypotheses import candidates
+    from bayes_dea.mismatch.search.hypotheses import candidates
 
     campaign = concealed()
     names, skipped = candidates(bd.build_model("hooke+gm3+sensor_lag"), campaign, {"displacement"})

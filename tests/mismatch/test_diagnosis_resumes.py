@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.journal import Journal, digest
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.journal import Journal, digest
 
 RESISTOR = {"series_resistance": {"R_s_ohm": 1.2e5}}
 

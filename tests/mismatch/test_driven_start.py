@@ -5,10 +5,10 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 
 import bayes_dea as bd
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.search import typical
-from bayes_dea.mismatch.slow_start import driven_start
+from bayes_dea.mismatch.search.promising import typical
+from bayes_dea.mismatch.search.slow_start import driven_start
 
 BETA = 150.0
 

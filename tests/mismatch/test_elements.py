@@ -8,18 +8,18 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.assemble import assemble
 from bayes_dea.errors import InputError
+from bayes_dea.gauss_newton.laws import COUNTS, laws_in, log_share
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.reduced import reduce_campaign
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.elements import _nearer, counted
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.laws import COUNTS, laws_in, log_share
-from bayes_dea.mismatch.locate import ADEQUATE, scan
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.rivals import from_the_leader
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search.elements import _nearer, counted
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.rivals import from_the_leader
+from bayes_dea.mismatch.search.weigh import Weighed
+from bayes_dea.mismatch.where.locate import ADEQUATE, scan
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import FRICTION_ELEMENTS, plant_of
 from bayes_dea.priors import parse_override

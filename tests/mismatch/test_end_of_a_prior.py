@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.relabel import within
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.relabel import within
+from bayes_dea.mismatch.search.weigh import Weighed
 from bayes_dea.mismatch.words import _at_its_end
 from bayes_dea.priors import Prior
 

@@ -10,9 +10,9 @@ from bayes_dea.assemble import assemble
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Creep, Wave
 from bayes_dea.bench.simulate import simulate
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import again, reduce_campaign, subset
-from bayes_dea.mismatch.reread import with_hold
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.reduced import again, reduce_campaign, subset
+from bayes_dea.mismatch.readings.reread import with_hold
 from bayes_dea.models.model import build_model
 
 

@@ -8,12 +8,12 @@ from bayes_dea.assemble import assemble
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.bench.effects import ALL
 from bayes_dea.campaign import load_campaign
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.reduced import reduce_campaign
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import DiagnosisSettings, diagnose
-from bayes_dea.mismatch.first_fit import first_fit
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.search.first_fit import first_fit
 from bayes_dea.models.bare import bare_of
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import second_thoughts
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import effect_priors, extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.relabel import within
+from bayes_dea.mismatch.search import second_thoughts
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.relabel import within
 
 
 def test_a_grid_says_that_it_is_elsewhere(monkeypatch):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch.descent import bounds
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.gauss_newton.descent import bounds
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior
 

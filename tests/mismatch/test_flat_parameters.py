@@ -7,14 +7,14 @@ from scipy.interpolate import PchipInterpolator
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.mismatch.descent import bounds, descend, prior_derivatives
+from bayes_dea.gauss_newton.descent import bounds, descend, prior_derivatives
+from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.frame import own_index
-from bayes_dea.mismatch.hypotheses import effect_priors, extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import within
-from bayes_dea.mismatch.ridge import posterior
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search.frame import own_index
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.relabel import within
+from bayes_dea.mismatch.search.ridge import posterior
+from bayes_dea.mismatch.search.weigh import Weighed
 
 MULLINS = {"mullins_share": 0.05, "mullins_m_Pa": 10.0, "mullins_b": 0.3}
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.rivals import again, from_the_leader
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.rivals import again, from_the_leader
 
 
 def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():

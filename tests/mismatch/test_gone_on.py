@@ -7,12 +7,12 @@ import pytest
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.mismatch import search
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search import promising
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.weigh import Weighed
 
 
 @pytest.mark.parametrize(("first", "leaves", "gone_on"), [
@@ -45,15 +45,15 @@ def test_what_is_dear_is_not_gone_on_with_behind_a_leader_that_leaves_something(
         went.append(w.effects[-1])
         return w
 
-    monkeypatch.setattr(search, "refine", refined)
-    monkeypatch.setattr(search, "_gone_on", goes_on)
-    monkeypatch.setattr(search, "escape", lambda base, s, w, prior: w)
+    monkeypatch.setattr(promising, "refine", refined)
+    monkeypatch.setattr(promising, "_gone_on", goes_on)
+    monkeypatch.setattr(promising, "escape", lambda base, s, w, prior: w)
     for same in ("relocated", "begun_from"):
-        monkeypatch.setattr(search, same, lambda fit, *_: fit)
-    monkeypatch.setattr(search, "overlooked", lambda *_: [])
-    monkeypatch.setattr(search, "stands_in", lambda _: False)
-    monkeypatch.setattr(search, "own_index", lambda *_: np.zeros(5, dtype=int))  # no ridge to go along
-    out = search.refined(base, screened, Quest(base, (), {}, None, None, adequate=lambda fit: not leaves))
+        monkeypatch.setattr(promising, same, lambda fit, *_: fit)
+    monkeypatch.setattr(promising, "overlooked", lambda *_: [])
+    monkeypatch.setattr(promising, "stands_in", lambda _: False)
+    monkeypatch.setattr(promising, "own_index", lambda *_: np.zeros(5, dtype=int))  # no ridge to go along
+    out = promising.refined(base, screened, Quest(base, (), {}, None, None, adequate=lambda fit: not leaves))
     assert len(out) == 3
     assert went == gone_on
 

@@ -9,9 +9,9 @@ from concealed_campaigns import concealed
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.mismatch import beside
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.locate import ADEQUATE, scan
+from bayes_dea.mismatch.search import beside
+from bayes_dea.mismatch.where.locate import ADEQUATE, scan
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "runs" / "concealed"))
 

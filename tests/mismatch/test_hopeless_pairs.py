@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import name as naming
-from bayes_dea.mismatch import search
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.search import name as naming
+from bayes_dea.mismatch.search import promising
 
 CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.015}
 
@@ -21,8 +21,8 @@ def fitted(monkeypatch):
         out.append(screened.effects)
         return refine(base, screened, *args, **more)
 
-    refine = search.refine
-    monkeypatch.setattr(search, "refine", watched)
+    refine = promising.refine
+    monkeypatch.setattr(promising, "refine", watched)
     return out
 
 
@@ -38,7 +38,7 @@ def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted):
 @pytest.mark.long
 def test_no_third_effect_is_looked_for_where_the_second_leaves_most(fitted, monkeypatch):
     """Branches that relax more slowly when they are unloaded: the best pair leaves more than half, were all fitted."""
-    monkeypatch.setattr(search, "SHARE", 0.0)
+    monkeypatch.setattr(promising, "SHARE", 0.0)
     monkeypatch.setattr(naming, "_STEP", 0.0)
     result = diagnose(concealed({"asymmetric_viscosity": {"unload_ratio": 10.0}}), "hooke+gm3", seed=1)
     assert result.verdict == "unknown"
@@ -49,7 +49,7 @@ def test_beside_others_what_is_dear_to_simulate_is_fitted_last_of_what_is_fitted
     def order(base_effects):
         model = SimpleNamespace(spec=SimpleNamespace(effects=base_effects))
         base = SimpleNamespace(problem=SimpleNamespace(model=model))
-        return [s.effects[-1] for s in search._in_order(base, screened)]
+        return [s.effects[-1] for s in promising._in_order(base, screened)]
 
     gains = {"inertia": 90.0, "sensor_lag": 80.0, "mullins_softening": 70.0, "leakage": 60.0, "sensor_drift": 50.0,
              "acquisition_delay": 40.0, "rate_independent_hysteresis": 30.0, "charge_retention": 20.0}
@@ -65,8 +65,8 @@ def test_a_mass_has_to_promise_less_as_its_peak_is_narrower_than_the_steps_of_a_
     def of(*effects):
         return SimpleNamespace(effects=effects)
 
-    left = 10_000.0 + search.SMALL
-    assert search.asked_of(of("supply_current_limit", "sensor_lag"), ("supply_current_limit",), left) == 1000.0
-    assert search.asked_of(of("supply_current_limit", "inertia"), ("supply_current_limit",), left) < 500.0
+    left = 10_000.0 + promising.SMALL
+    assert promising.asked_of(of("supply_current_limit", "sensor_lag"), ("supply_current_limit",), left) == 1000.0
+    assert promising.asked_of(of("supply_current_limit", "inertia"), ("supply_current_limit",), left) < 500.0
     # what is looked for beside a mass has no such peak
-    assert search.asked_of(of("sensor_lag", "inertia"), ("inertia",), left) == 1000.0
+    assert promising.asked_of(of("sensor_lag", "inertia"), ("inertia",), left) == 1000.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.grid import Scored, just_reached
+from bayes_dea.mismatch.search.grid import Scored, just_reached
 
 _LIMIT, _LARGEST = 0.83, 1.0
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from bayes_dea.mismatch.known import Known
+from bayes_dea.mismatch.search.known import Known
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def test_a_size_on_recordings_that_were_not_fitted_is_simulated_once_for_each_fi
         asked.append(fit)
         return 2e-7
 
-    monkeypatch.setattr("bayes_dea.mismatch.known.size_elsewhere", size)
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.size_elsewhere", size)
     one, other = Stub(("leakage",), 100.0, 1e-8), Stub(("inertia",), 50.0, 1e-8)
     k = Known(NONE, 1e-7, {}, 20, ("a piece",), {w.name: w for w in (one, other)})
     assert k.counting == [one, other]
@@ -106,7 +106,7 @@ def test_a_size_is_that_against_the_likeliest_that_is_simpler(monkeypatch):
     def held(fit, simpler, _):
         asked.append(simpler)
 
-    monkeypatch.setattr("bayes_dea.mismatch.known.with_true_modes", held)
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.with_true_modes", held)
     one, other = Stub(("leakage",), 50.0), Stub(("inertia",), 60.0)
     pair = Stub(("leakage", "inertia"), 100.0, size_m=0.0)
     k = Known(NONE, 1e-7, {}, 20, (), {w.name: w for w in (one, pair)}, noise=object())

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch import diagnosis
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.rivals import again
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.rivals import again
 from bayes_dea.mismatch.second_look import all_to_identify
 
 R_OHM = 1.5e5

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.laws import VARIANTS
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.laws import VARIANTS
-from bayes_dea.mismatch.phase import delay_of, phase_odds, share_below
+from bayes_dea.mismatch.search.phase import delay_of, phase_odds, share_below
 from bayes_dea.models.model import build_model
 from bayes_dea.models.supply_kernel import delayed
 from bayes_dea.priors import parse_override

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.laws import VARIANTS
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.laws import VARIANTS
-from bayes_dea.mismatch.leak_starts import highest_field, leak_points
+from bayes_dea.mismatch.search.leak_starts import highest_field, leak_points
 from bayes_dea.models.model import build_model
 
 

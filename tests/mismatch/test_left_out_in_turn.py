@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.prove import held_out, leave_out_in_turn
 
 

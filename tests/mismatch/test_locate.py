@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch import locate
-from bayes_dea.mismatch.features import excitation, features
-from bayes_dea.mismatch.locate import FAMILY_WISE, Residuals, _scan, is_adequate, places_of, residuals, scan
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.where import locate
+from bayes_dea.mismatch.where.features import excitation, features
+from bayes_dea.mismatch.where.locate import FAMILY_WISE, Residuals, _scan, is_adequate, places_of, residuals, scan
 from bayes_dea.noise.blocks import block_means
 
 
@@ -105,7 +105,7 @@ def test_features_of_a_rectangle(base):
 
 def test_refit_finds_back_from_a_distance(base):
     """From a draw of the posterior, twice as far out, the refit returns to the same maximum."""
-    from bayes_dea.mismatch.noise_prior import noise_prior
+    from bayes_dea.gauss_newton.noise_prior import noise_prior
 
     fit = base.base
     prior = noise_prior(base.assembled)

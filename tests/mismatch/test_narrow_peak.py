@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.grid import Scored, narrow_peak
+from bayes_dea.mismatch.search.grid import Scored, narrow_peak
 
 
 def _looked_at(curve, grid):

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.discrepancy import basis, discrepancy
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.laws import VARIANTS
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
+from bayes_dea.gauss_newton.laws import VARIANTS
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.problem import Problem
 from bayes_dea.mismatch.prove import held_out, unanswered
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.weigh import Weighed
 from bayes_dea.mismatch.summary import proof_summary
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.where.discrepancy import basis, discrepancy
 from bayes_dea.results import plain
 
 

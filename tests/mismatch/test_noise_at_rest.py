@@ -10,8 +10,8 @@ from concealed_campaigns import concealed
 from scipy.signal import lfilter
 
 from bayes_dea.assemble import assemble
+from bayes_dea.gauss_newton.noise_prior import UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
 from bayes_dea.likelihood.prepare import rested
-from bayes_dea.mismatch.noise_prior import UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
 from bayes_dea.models.model import build_model
 
 SIGMA, RHO = 4.7e-6, 0.7

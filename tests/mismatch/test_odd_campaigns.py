@@ -8,9 +8,9 @@ from concealed_campaigns import ACCURACY, concealed, problem_of
 
 import bayes_dea as bd
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.features import excitation, features
-from bayes_dea.mismatch.locate import places_of
-from bayes_dea.mismatch.slow_start import low_start
+from bayes_dea.mismatch.search.slow_start import low_start
+from bayes_dea.mismatch.where.features import excitation, features
+from bayes_dea.mismatch.where.locate import places_of
 
 
 def changed(campaign, change, chosen=lambda r: True):
@@ -45,7 +45,7 @@ def test_a_wave_slower_than_its_clock_has_a_period():
 
 def test_where_next_to_nothing_lies_below_the_middle_no_fit_begins_there():
     problem, prior, q = problem_of(concealed())
-    from bayes_dea.mismatch.refit import refit
+    from bayes_dea.gauss_newton.refit import refit
 
     base = refit(problem, q, prior.start(), prior)
     high = tuple(replace(p, y=p.y + 1.0) if i else p for i, p in enumerate(problem.pieces))

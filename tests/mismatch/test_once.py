@@ -2,7 +2,7 @@
 
 import gc
 
-from bayes_dea.mismatch.once import Once
+from bayes_dea.mismatch.search.once import Once
 
 
 class Thing:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from bayes_dea.mismatch import search
-from bayes_dea.mismatch.frame import Frame
-from bayes_dea.mismatch.grid import screen
-from bayes_dea.mismatch.hypotheses import effect_priors, extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search import promising
+from bayes_dea.mismatch.search.frame import Frame
+from bayes_dea.mismatch.search.grid import screen
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.quest import Quest
 
 
 def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
@@ -25,7 +25,7 @@ def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
     leader = result.naming.weighed["parallel_damper"].fit
     assert leader is not base
     quest = Quest(stuck, ("sensor_lag",), {}, prior, np.random.default_rng(1))
-    found = search.overlooked(stuck, leader, [grids["sensor_lag"]], quest)
+    found = promising.overlooked(stuck, leader, [grids["sensor_lag"]], quest)
     assert [w.name for _, w in found] == ["sensor_lag"]
     lag = found[0][1]
     assert abs(lag.fit.values()["tau_s_s"] / 1.2e-3 - 1) < 0.1
@@ -38,9 +38,9 @@ def test_nothing_is_looked_at_again_where_the_base_stays(diagnosed):
     prior, base = noise_prior(result.assembled), result.base
     model = extended(base.problem.model, ["sensor_lag"], effect_priors(["sensor_lag"], result.assembled.campaign))
     waiting = screen([Frame(base)], model, ("sensor_lag",))
-    assert waiting.gain > search.LEAST_GAIN  # what it takes to be refitted
-    assert search.overlooked(base, base, [waiting], Quest(base, (), {}, prior, np.random.default_rng(1))) == []
+    assert waiting.gain > promising.LEAST_GAIN  # what it takes to be refitted
+    assert promising.overlooked(base, base, [waiting], Quest(base, (), {}, prior, np.random.default_rng(1))) == []
     elsewhere = base.q.copy()
     elsewhere[list(base.problem.model.coordinate_names).index("log T_3")] -= 1.1
     moved = refit(base.problem, elsewhere, prior.start(), prior, max_steps=0, fit_noise=False)
-    assert search.overlooked(base, moved, [waiting], Quest(base, (), {}, prior, np.random.default_rng(1)))
+    assert promising.overlooked(base, moved, [waiting], Quest(base, (), {}, prior, np.random.default_rng(1)))

@@ -8,12 +8,13 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 from test_campaign_faults import with_column
 
-from bayes_dea.mismatch import name, sought
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch import sought
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.features import features
-from bayes_dea.mismatch.own_gains import Loosened, apart, gains_of, own_gains, worth_a_search
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.seen import Seen
+from bayes_dea.mismatch.readings.own_gains import Loosened, apart, gains_of, own_gains, worth_a_search
+from bayes_dea.mismatch.readings.seen import Seen
+from bayes_dea.mismatch.search import name
+from bayes_dea.mismatch.where.features import features
 
 
 def resized(campaign, factors):
@@ -59,7 +60,7 @@ def test_one_gain_is_enough_where_there_is_one():
 def test_gains_are_worth_a_search_where_they_leave_nothing_to_be_seen(monkeypatch):
     """However little that is of what noise has beyond its stated level."""
     before, after = SimpleNamespace(log_evidence=0.0, left=350.0), SimpleNamespace(log_evidence=80.0, left=220.0)
-    monkeypatch.setattr("bayes_dea.mismatch.own_gains.excess", lambda fit, _: fit.left)
+    monkeypatch.setattr("bayes_dea.mismatch.readings.own_gains.excess", lambda fit, _: fit.left)
     assert not worth_a_search(before, after, None, lambda _: False)
     assert worth_a_search(before, after, None, lambda fit: fit is after)
     assert worth_a_search(before, SimpleNamespace(log_evidence=80.0, left=150.0), None, lambda _: False)
@@ -68,7 +69,7 @@ def test_gains_are_worth_a_search_where_they_leave_nothing_to_be_seen(monkeypatc
 
 def test_nothing_is_left_out_of_a_model_whose_recordings_have_gains_of_their_own(monkeypatch):
     """Nor are pairs of effects tried first for what is better explained by gains."""
-    monkeypatch.setattr("bayes_dea.mismatch.name.beside_the_leader", lambda *_: pytest.fail("a pair is looked for"))
+    monkeypatch.setattr(name, "beside_the_leader", lambda *_: pytest.fail("a pair is looked for"))
     s = diagnose(resized(concealed(), FACTORS), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "none", s["statement"]
     assert "gain differs from recording to recording" in s["statement"]
@@ -161,7 +162,7 @@ def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off
 
 def test_gains_of_one_fit_are_worked_out_once(monkeypatch):
     asked = []
-    monkeypatch.setattr("bayes_dea.mismatch.own_gains.own_gains", lambda *of: asked.append(of))
+    monkeypatch.setattr("bayes_dea.mismatch.readings.own_gains.own_gains", lambda *of: asked.append(of))
     pieces, fewer, fit = (1, 2, 3, 4), (1, 2, 3), object()
     with_gains = Loosened(None)
     for seen in (pieces, pieces, fewer, pieces):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import effect_priors
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.second_thoughts import second_thoughts
+from bayes_dea.mismatch.search.hypotheses import effect_priors
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.second_thoughts import second_thoughts
 
 LEAK = {"R_leak_ohm": 1e8, "R_s_ohm": 9.4e4, "E_0_V_per_m": 1.45e6}
 HYSTERESIS = {"sigma_y_Pa": 8800.0, "eps_y": 2.25e-3}

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from bayes_dea.mismatch.phase import delay_of, phase_odds, share_below
+from bayes_dea.mismatch.search.phase import delay_of, phase_odds, share_below
 from bayes_dea.priors import Prior
 
 STEP, LEAST, MOST = 1e-3, 5e-6, 0.05

@@ -1,7 +1,7 @@
 """What counts as large enough to be claimed: also what explains more than something that is."""
 
-from bayes_dea.mismatch.known import Known
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search.known import Known
+from bayes_dea.mismatch.search.weigh import Weighed
 
 
 def _hypotheses(**evidence):

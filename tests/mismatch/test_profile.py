@@ -7,9 +7,9 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.bench.rig import Material
-from bayes_dea.mismatch.profile import profiled
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.ridge import posterior
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search.profile import profiled
+from bayes_dea.mismatch.search.ridge import posterior
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import in_place_of_one, labellings, within, without_stand_in
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.relabel import in_place_of_one, labellings, within, without_stand_in
+from bayes_dea.mismatch.search.weigh import Weighed
 
 
 def test_a_further_mode_gives_its_place_back_to_the_one_that_went_astray(diagnosed):

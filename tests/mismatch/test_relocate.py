@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch import relocate
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.relabel import stands_in
-from bayes_dea.mismatch.relocate import _parted, relocated, with_modes
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search import relocate
+from bayes_dea.mismatch.search.relabel import stands_in
+from bayes_dea.mismatch.search.relocate import _parted, relocated, with_modes
 
 
 @pytest.fixture

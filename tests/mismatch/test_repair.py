@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.reduced import reduce_campaign
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.features import features
-from bayes_dea.mismatch.naming import Explanation
-from bayes_dea.mismatch.noise_prior import noise_prior
 from bayes_dea.mismatch.prove import held_out
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.search.naming import Explanation
 from bayes_dea.mismatch.unknown import Regression, repair
+from bayes_dea.mismatch.where.features import features
 
 
 def test_what_one_recording_alone_shows_is_left_out():

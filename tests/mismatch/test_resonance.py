@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch.grid import Screened
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.resonance import look_for_resonances
-from bayes_dea.mismatch.weigh import escape
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search.grid import Screened
+from bayes_dea.mismatch.search.resonance import look_for_resonances
+from bayes_dea.mismatch.search.weigh import escape
 
 TIME = np.arange(1, 400) * 1e-3  # after an edge, at 1 kHz
 

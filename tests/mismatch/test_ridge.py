@@ -5,8 +5,8 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.frame import own_index
-from bayes_dea.mismatch.ridge import integrated
+from bayes_dea.mismatch.search.frame import own_index
+from bayes_dea.mismatch.search.ridge import integrated
 
 
 def test_a_narrow_posterior_is_laplace(diagnosed):

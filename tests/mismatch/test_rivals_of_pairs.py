@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from bayes_dea.mismatch import pairs, second_thoughts
-from bayes_dea.mismatch.beside import names_beside
-from bayes_dea.mismatch.quest import Quest
+from bayes_dea.mismatch.search import pairs, second_thoughts
+from bayes_dea.mismatch.search.beside import names_beside
+from bayes_dea.mismatch.search.quest import Quest
 
 #: the fit that effects are added to
 BASE = SimpleNamespace(problem=SimpleNamespace(model=None))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.likelihood.plant_group import smooth, straight
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.nearby import Nearby
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.nearby import Nearby
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.nodes import Nodes
 from bayes_dea.models.plant import plant_of

@@ -9,9 +9,9 @@ from concealed_campaigns import concealed
 from test_own_gains import FACTORS, resized
 
 from bayes_dea.find_map import MapSettings
+from bayes_dea.gauss_newton.journal import Journal
 from bayes_dea.mismatch import diagnosis, second_look
 from bayes_dea.mismatch.diagnosis import _decided, diagnose
-from bayes_dea.mismatch.journal import Journal
 from bayes_dea.mismatch.judge import judged
 from bayes_dea.mismatch.laps import Laps
 from bayes_dea.mismatch.prepare import prepared

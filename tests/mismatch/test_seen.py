@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from bayes_dea.mismatch import seen as module
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.reread import Rereading
-from bayes_dea.mismatch.seen import Seen
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.mismatch.readings import seen as module
+from bayes_dea.mismatch.readings.reread import Rereading
+from bayes_dea.mismatch.readings.seen import Seen
 
 
 def test_false_readings_of_a_recording_put_aside_stay_with_it(diagnosed, monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
-from bayes_dea.mismatch.size import effect_size
+from bayes_dea.mismatch.where.size import effect_size
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.bench.rig import Material
+from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.relabel import FAST_STEPS, stands_in
-from bayes_dea.mismatch.size import effect_size
-from bayes_dea.mismatch.stand_ins import _held, with_true_modes
+from bayes_dea.mismatch.search.relabel import FAST_STEPS, stands_in
+from bayes_dea.mismatch.search.stand_ins import _held, with_true_modes
+from bayes_dea.mismatch.where.size import effect_size
 
 #: what the fastest mode of the base is free to leave: the slowest is a spring for as long as these recordings last
 MATERIAL = Material(9.1e5, (1.5e5, 2.7e4, 9.6e4), (4.9e3, 21.0, 1.04))

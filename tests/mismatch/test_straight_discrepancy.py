@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bayes_dea.mismatch import discrepancy as discrepancies
-from bayes_dea.mismatch import ridge
-from bayes_dea.mismatch.discrepancy import basis, discrepancy
-from bayes_dea.mismatch.frame import own_index
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.ridge import posterior
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.mismatch.search import ridge
+from bayes_dea.mismatch.search.frame import own_index
+from bayes_dea.mismatch.search.ridge import posterior
+from bayes_dea.mismatch.where import discrepancy as discrepancies
+from bayes_dea.mismatch.where.discrepancy import basis, discrepancy
 
 
 @pytest.fixture

@@ -5,15 +5,15 @@ import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.assemble import assemble
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.problem import Problem
+from bayes_dea.gauss_newton.reduced import reduce_campaign
 from bayes_dea.mismatch.diagnosis import DiagnosisSettings, diagnose
-from bayes_dea.mismatch.first_fit import first_fit
-from bayes_dea.mismatch.frame import Frame, insert
-from bayes_dea.mismatch.grid import screen
-from bayes_dea.mismatch.hypotheses import extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.problem import Problem
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.mismatch.superposed import Superposed
+from bayes_dea.mismatch.search.first_fit import first_fit
+from bayes_dea.mismatch.search.frame import Frame, insert
+from bayes_dea.mismatch.search.grid import screen
+from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.superposed import Superposed
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of, straightened
 from bayes_dea.models.static import LAWS, stress

@@ -8,9 +8,9 @@ from concealed_campaigns import concealed, problem_of
 from scipy.signal import lfilter
 from test_campaign_faults import with_column
 
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.swinging import swinging
+from bayes_dea.mismatch.readings.swinging import swinging
 
 STEP_M = 0.15e-6
 

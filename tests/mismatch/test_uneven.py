@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 from test_campaign_faults import with_column
 
 from bayes_dea.assemble import assemble
+from bayes_dea.gauss_newton.reduced import reduce_campaign
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.reduced import reduce_campaign
-from bayes_dea.mismatch.uneven import uneven_scatter
+from bayes_dea.mismatch.readings.uneven import uneven_scatter
 from bayes_dea.models.model import build_model
 
 STEP_M = 0.15e-6

@@ -5,7 +5,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import candidates, unweighed_note
+from bayes_dea.mismatch.search.hypotheses import candidates, unweighed_note
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 

@@ -9,13 +9,13 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.frame import Frame
-from bayes_dea.mismatch.grid import Scored, parabola, screen
-from bayes_dea.mismatch.hypotheses import effect_priors, extended
-from bayes_dea.mismatch.known import Known
-from bayes_dea.mismatch.naming import Explanation, but_for_what_is_too_small
-from bayes_dea.mismatch.refit import refit
+from bayes_dea.mismatch.search.frame import Frame
+from bayes_dea.mismatch.search.grid import Scored, parabola, screen
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.known import Known
+from bayes_dea.mismatch.search.naming import Explanation, but_for_what_is_too_small
 
 
 def _scored(x, value):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
-from bayes_dea.mismatch.beside import puts_back
+from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.hypotheses import effect_priors, extended
-from bayes_dea.mismatch.noise_prior import noise_prior
-from bayes_dea.mismatch.quest import Quest
-from bayes_dea.mismatch.refit import refit
-from bayes_dea.mismatch.relabel import within
-from bayes_dea.mismatch.second_thoughts import merged, widened
-from bayes_dea.mismatch.weigh import Weighed
+from bayes_dea.mismatch.search.beside import puts_back
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.relabel import within
+from bayes_dea.mismatch.search.second_thoughts import merged, widened
+from bayes_dea.mismatch.search.weigh import Weighed
 
 LEAK = {"R_leak_ohm": 5e8, "R_s_ohm": 6e4, "E_0_V_per_m": 1.2e6}
 

@@ -27,13 +27,13 @@ from study import campaign_of  # noqa: E402
 
 from bayes_dea.assemble import assemble  # noqa: E402
 from bayes_dea.bench.concealed import draw_case  # noqa: E402
+from bayes_dea.gauss_newton.noise_prior import noise_prior  # noqa: E402
+from bayes_dea.gauss_newton.problem import Problem  # noqa: E402
+from bayes_dea.gauss_newton.reduced import reduce_campaign  # noqa: E402
+from bayes_dea.gauss_newton.refit import Fit  # noqa: E402
 from bayes_dea.mismatch.diagnosis import DiagnosisSettings  # noqa: E402
-from bayes_dea.mismatch.first_fit import first_fit  # noqa: E402
-from bayes_dea.mismatch.locate import residuals, scan  # noqa: E402
-from bayes_dea.mismatch.noise_prior import noise_prior  # noqa: E402
-from bayes_dea.mismatch.problem import Problem  # noqa: E402
-from bayes_dea.mismatch.reduced import reduce_campaign  # noqa: E402
-from bayes_dea.mismatch.refit import Fit  # noqa: E402
+from bayes_dea.mismatch.search.first_fit import first_fit  # noqa: E402
+from bayes_dea.mismatch.where.locate import residuals, scan  # noqa: E402
 from bayes_dea.models.model import build_model  # noqa: E402
 from bayes_dea.results import write_json  # noqa: E402
 

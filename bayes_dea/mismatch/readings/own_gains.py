@@ -1,0 +1,145 @@
+"""A gain of its own for every recording: a sensor that was moved, or set anew, from one recording to the next.
+
+A sensor has one gain, and recordings that differ in size alone contradict every explanation then. Its stated accuracy
+leaves room for a gain of each recording, though, and what is to be mended is the sensor's mount, no physics of the
+actuator. It is weighed as another reading of the campaign is: by its evidence, with a gain and its prior a recording.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.problem import Problem
+from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit, refit
+from ..search.once import Once
+from ..search.weigh import excess
+
+#: prior probability that a sensor was moved or set anew between recordings
+MOVED = 0.01
+#: with fewer recordings a gain of each says nothing that an effect could not
+_LEAST = 4
+#: share of what an explanation leaves beyond noise that gains have to take away for a search to begin anew with them
+_MUCH = 0.5
+
+
+@dataclass(frozen=True)
+class Gains:
+    """What each recording reads over the mean of all, and its standard error, of a sensor that allows +-limit."""
+
+    ratio: dict[str, float]
+    se: dict[str, float]
+    limit: float
+
+    @property
+    def widest(self) -> tuple[str, str]:
+        """Recordings with the smallest and the largest."""
+        return min(self.ratio, key=lambda n: self.ratio[n]), max(self.ratio, key=lambda n: self.ratio[n])
+
+    @property
+    def sigmas(self) -> float:
+        """How many standard errors of the difference lie between those two."""
+        a, b = self.widest
+        return (self.ratio[b] - self.ratio[a]) / max(math.hypot(self.se[a], self.se[b]), 1e-12)
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the stated accuracy of the sensor allows them."""
+        a, b = self.widest
+        return 0.5 * (self.ratio[b] - self.ratio[a]) <= self.limit
+
+    def note(self) -> str:
+        """One line on them."""
+        a, b = self.widest
+        allowed = "within" if self.allowed else "beyond"
+        return (
+            f"the sensor's gain differs from recording to recording: {a} reads {self._of(a)} and {b} {self._of(b)} "
+            f"times what all lead to expect, {allowed} its stated accuracy (+-{100 * self.limit:.2g} %); no physics "
+            "brings them together. Each was given a gain of its own; check what was moved or set anew in between, and "
+            "give each recording to identify a specimen of its own, so that calibrate does the same"
+        )
+
+    def _of(self, name: str) -> str:
+        return f"{self.ratio[name]:.3f} +- {max(self.se[name], 5e-4):.3f}"
+
+    def repair(self, partial: str) -> dict[str, Any]:
+        """The "repair" of diagnosis.json (see `unknown.repair`) where the stated accuracy does not allow them."""
+        terms = [
+            {"term": f"gain of {n}", "mean": r - 1.0, "sd": self.se[n], "unit": "1", "inclusion_probability": 1.0}
+            for n, r in self.ratio.items()
+        ]
+        return {
+            "stage": "sensor",
+            "acts_on": "the size of each recording",
+            "form": "(1 + gain of the recording) x displacement",
+            "terms": terms,
+            "partial": partial,
+        }
+
+
+def apart(pieces: Sequence[Piece]) -> tuple[Piece, ...]:
+    """All recordings of a campaign, each with a gain of its own: its index here."""
+    return tuple(replace(p, group=i) for i, p in enumerate(pieces))
+
+
+def _loosened(problem: Problem, pieces: Sequence[Piece]) -> Problem:
+    """A problem with a gain for each of `pieces`, all of the campaign's."""
+    index = {p.name: i for i, p in enumerate(pieces)}
+    sd = np.array([problem.gain_sd[p.group] for p in pieces])
+    return replace(problem, pieces=tuple(replace(p, group=index[p.name]) for p in problem.pieces), gain_sd=sd)
+
+
+def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | None:
+    """A fit again with a gain for each of `pieces`, all of the campaign's, seen or not.
+
+    None where it has that already, or where there are too few recordings to tell.
+    """
+    problem = fit.problem
+    if problem.gain_sd.size >= len(pieces) or sum(p.channel == "displacement" for p in problem.pieces) < _LEAST:
+        return None
+    shared = fit.q[problem.dimension - problem.gain_sd.size :]
+    q = np.concatenate([fit.q[: fit.q.size - shared.size], shared[[p.group for p in pieces]]])
+    return refit(_loosened(problem, pieces), q, fit.noise, prior, known=replace(fit.linearisation, q=q))
+
+
+class Loosened:
+    """Fits with a gain of each recording, worked out once for each fit and the recordings as they are read."""
+
+    def __init__(self, prior: NoisePrior) -> None:
+        self.prior = prior
+        self._known: Once[Fit | None] = Once()
+
+    def __call__(self, fit: Fit, pieces: Sequence[Piece]) -> Fit | None:
+        """See `own_gains`."""
+        return self._known((fit, pieces), lambda: own_gains(fit, pieces, self.prior))
+
+
+def worth_a_search(before: Fit, after: Fit, prior: NoisePrior, adequate: Callable[[Fit], bool]) -> bool:
+    """Whether gains take so much of what an explanation leaves that effects are to be sought beside them.
+
+    adequate: whether a fit leaves nothing to be seen; what noise has beyond its stated level is an excess, too.
+    """
+    better = after.log_evidence + math.log(MOVED) - before.log_evidence
+    return better > 0.0 and (excess(after, prior) < (1.0 - _MUCH) * excess(before, prior) or adequate(after))
+
+
+def gains_of(fit: Fit) -> Gains:
+    """The gains of displacements over their mean, of a fit in which every recording has its own."""
+    problem = fit.problem
+    used = [p for p in problem.pieces if p.channel == "displacement"]
+    at = np.array([problem.dimension - problem.gain_sd.size + p.group for p in used])
+    # what all have in common trades with the stiffness, and is no difference between recordings
+    centre = np.eye(len(used)) - 1.0 / len(used)
+    log_ratio = centre @ fit.q[at]
+    variance = np.diag(centre @ fit.covariance[np.ix_(at, at)] @ centre)
+    return Gains(
+        {p.name: float(math.exp(x)) for p, x in zip(used, log_ratio, strict=True)},
+        {p.name: math.sqrt(max(float(v), 0.0)) for p, v in zip(used, variance, strict=True)},
+        math.sqrt(3.0) * float(max(problem.gain_sd[p.group] for p in used)),
+    )

@@ -1,0 +1,260 @@
+"""Other readings of a campaign, weighed beside missing physics: another hold convention, a recording of another stack.
+
+Either explains a mismatch without any physics of the actuator: what a row of the command means is timing, and a
+recording of another actuator speaks of that one. Both are compared with the named effects by their evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...campaign import HOLDS
+from ...gauss_newton.descent import Linearisation, descend, inner_bounds, prior_derivatives
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.problem import Problem
+from ...gauss_newton.reduced import Piece, renoded
+from ...gauss_newton.refit import Fit, inverse, refit
+from ..telling import Tell, silence
+from ..where.locate import is_adequate
+from .own_offset import offset_and_gain
+
+Array = NDArray[np.float64]
+
+#: prior probabilities that a convention is stated wrongly, and that some recording is of another actuator
+_WRONG_HOLD, _MIXED_IN = 0.01, 0.01
+#: with fewer voltage recordings left no odd one can be told
+_LEAST_LEFT = 3
+#: squares of residuals a block that no refit without one recording brings down to noise
+_HOPELESS_CHI2 = 3.0
+#: steps of a refit without one after which it has to leave no more than so many sds of noise's own squares
+_FEW, _TOO_MUCH = 4, 3.0
+#: share of the least difference of another actuator that has to be seen after them
+_NEARLY = 0.7
+#: a recording of another actuator differs from the others by this share at least, and by so many standard errors; more
+#: of one to validate, of which nothing but its size is looked at
+_DIFFERENT, _SIGMAS, _SIGMAS_UNSEEN = 0.02, 5.0, 8.0
+#: squares of residuals a block beyond which a refit without one recording leaves more than noise, before a scan says so
+_TOO_LARGE = 1.5
+
+
+@dataclass(frozen=True)
+class Rereading:
+    """The base under another reading. log_weight: log evidence and log prior; hold, odd or gains says what differs."""
+
+    base: Fit
+    log_weight: float
+    hold: str = ""
+    odd: str = ""
+    ratio: float = 1.0  # displacement of the odd recording over what the others lead to expect
+    ratio_se: float = 0.0
+    gains: bool = False  # each recording has its own
+    limit: bool = False  # the sensor's range ends at a reading (`own_limits`)
+
+
+def other_holds(
+    base: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> list[Rereading]:
+    """The base with every command read by another convention, where nothing is left in its residuals then."""
+    pieces = base.problem.pieces
+    own = {p.recording.hold for p in pieces if p.nodes is not None}
+    others = [hold for hold in HOLDS if own and own != {hold}]
+    out = []
+    for k, hold in enumerate(others):
+        tell(k, len(others), f"hold = {hold}")
+        moved = tuple(with_hold(p, hold) for p in pieces)
+        fit = refit(replace(base.problem, pieces=moved), base.q, prior.start(), prior)
+        if fit is not None and fit.log_evidence > base.log_evidence and is_adequate(fit, rng):
+            # the default is what a command is written by most often: it is named where two fit alike
+            share = _WRONG_HOLD if hold == "end" else 0.5 * _WRONG_HOLD
+            out.append(Rereading(fit, fit.log_evidence + math.log(share), hold=hold))
+    return out
+
+
+def with_hold(piece: Piece, hold: str) -> Piece:
+    """A piece whose command is read by another convention; a mechanical one as it is."""
+    if piece.nodes is None:
+        return piece
+    recording = replace(piece.recording, hold=hold)
+    return renoded(piece, replace(piece.prepared, recording=recording))
+
+
+def odd_one_out(
+    fit: Fit, prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> list[Rereading]:
+    """The fit without one recording that has an actuator of its own.
+
+    Every voltage recording is left out in turn and fitted alone. It is of another actuator where nothing is left in
+    the residuals of the others (scan), nothing in its own when it has parameters of its own, and its displacement
+    differs from what the others lead to expect by 2 % and five standard errors at least. Evidence: the product of both.
+    """
+    pieces = fit.problem.pieces
+    voltage = [i for i, p in enumerate(pieces) if p.channel == "displacement"]
+    if len(voltage) <= _LEAST_LEFT:
+        return []
+    out = []
+    for k, i in enumerate(voltage):
+        tell(k, len(voltage), f"without {pieces[i].name}")
+        rest = replace(fit.problem, pieces=tuple(p for j, p in enumerate(pieces) if j != i))
+        if _expected_chi2(fit, rest, i, prior) > _HOPELESS_CHI2:
+            continue
+        near = _near(fit, rest, i, prior)
+        if near is None or not _another(*_ratio(near, pieces[i]), _NEARLY):
+            continue
+        others = refit(rest, near.q, prior.start(), prior, max_steps=12, coarse=True)
+        if others is None or _chi2(others) > _TOO_LARGE or not is_adequate(others, rng):
+            continue
+        ratio, se = _ratio(others, pieces[i])
+        if not _another(ratio, se):
+            continue
+        # alone it may have any modulus: it starts from where its size lies
+        alone = refit(replace(fit.problem, pieces=(pieces[i],)), _scaled(others, ratio), prior.start(), prior)
+        if alone is None or not is_adequate(alone, rng):
+            continue
+        total = others.log_evidence + alone.log_evidence + prior.minus_log(alone.noise)
+        weight = total + math.log(_MIXED_IN / len(voltage))
+        out.append(Rereading(others, weight, odd=pieces[i].name, ratio=ratio, ratio_se=se))
+    return out
+
+
+def _another(ratio: float, se: float, share: float = 1.0) -> bool:
+    """Whether a displacement is so unlike what the others lead to expect that it may be another actuator's."""
+    return abs(ratio - 1.0) >= share * max(_DIFFERENT, _SIGMAS * se)
+
+
+def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
+    """About the fit of the other recordings, a few steps from one of all; its slopes are not known.
+
+    None where that leaves more than noise, however large that has grown.
+    """
+    known = Linearisation(fit.q, _but(fit.clean, left_out), _but(fit.slopes, left_out))
+    end = descend(rest, fit.q, prior.start(), *inner_bounds(rest), _FEW, 1.0, None, coarse=True, known=known)
+    if end is None:
+        return None
+    n = sum(p.blocks.n for p in rest.pieces)
+    left = 0.5 * (float(rest.sums(end.q, fit.noise, end.clean, [])[0][0, 0]) - n)
+    if left > _TOO_MUCH * math.sqrt(0.5 * n):
+        return None
+    # slopes at its end may have been carried there
+    return replace(fit, problem=rest, q=end.q, clean=end.clean, slopes=[])
+
+
+def _expected_chi2(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> float:
+    """Squares of whitened residuals a block of the other recordings after one step by slopes; no simulation."""
+
+    gram, _ = rest.sums(fit.q, prior.start(), _but(fit.clean, left_out), _but(fit.slopes, left_out))
+    _, gradient, curvature = prior_derivatives(rest, fit.q)
+    g = gradient - gram[0, 1:]
+    gain = float(g @ inverse(gram[1:, 1:] + curvature) @ g)
+    return (float(gram[0, 0]) - gain) / sum(p.blocks.n for p in rest.pieces)
+
+
+def _but(columns: list[Array], left_out: int) -> list[Array]:
+    return [c for j, c in enumerate(columns) if j != left_out]
+
+
+def _chi2(fit: Fit) -> float:
+    """Squares of whitened residuals a block."""
+    gram, _ = fit.problem.sums(fit.q, fit.noise, fit.clean, [])
+    return float(gram[0, 0]) / sum(p.blocks.n for p in fit.problem.pieces)
+
+
+def _ratio(others: Fit, piece: Piece) -> tuple[float, float]:
+    """Gain of a piece over the one that the others share, and its se with what the gains of those scatter by."""
+    used = [p for p in others.problem.pieces if p.channel == "displacement"]
+    *found, own = _sizes(others, [*used, piece])
+    return own, _spread(found)
+
+
+def _sizes(fit: Fit, pieces: list[Piece], tell: Tell = silence) -> list[float]:
+    """Gain of each piece over the one that its group shares."""
+    _, gains = fit.problem.beside(fit.q)
+    out = []
+    for k, p in enumerate(pieces):
+        tell(k, len(pieces), p.name)
+        (x,) = replace(fit.problem, pieces=(p,)).rows(fit.q)
+        out.append(offset_and_gain(p, x)[1][0] / (1.0 + float(gains[p.group])))
+    return out
+
+
+def _spread(found: list[float]) -> float:
+    return float(np.std(found, ddof=1)) if len(found) > 1 else math.inf
+
+
+def _scaled(fit: Fit, ratio: float) -> np.ndarray:
+    """Coordinates with every modulus divided by a ratio of displacements."""
+    q = fit.q.copy()
+    for k, p in enumerate(fit.problem.model.priors.free):
+        if p.unit == "Pa" and p.prior.is_log and p.prior.relative_to is None and ratio > 0:
+            q[k] -= math.log(ratio)
+    return q
+
+
+def hold_note(hold: str, stated: str) -> str:
+    """One line on a convention that the recordings contradict."""
+    return (
+        f'timing: the recordings follow hold = "{hold}", not "{stated}" as campaign.toml says or leaves unsaid. This '
+        f'is a shift of one sample at most, no physics; write hold = "{hold}" and repeat'
+    )
+
+
+def odd_note(r: Rereading) -> str:
+    """One line that names a recording of another actuator."""
+    return (
+        f"{r.odd}: this recording does not belong to the actuator of the others: its displacement is "
+        f"{r.ratio:.3f} +- {max(r.ratio_se, 5e-4):.3f} times what they lead to expect, and with an actuator of its own "
+        "nothing is left to explain in either. It was left out; check what it was recorded on, or give it a specimen"
+    )
+
+
+def too_few_for_an_odd_one(fit: Fit) -> list[str]:
+    """What to say of voltage recordings that are too few for one of another actuator to be told; nothing otherwise."""
+    count = sum(p.channel == "displacement" for p in fit.problem.pieces)
+    if not 1 < count <= _LEAST_LEFT:
+        return []
+    return [
+        f"with {count} voltage recordings to identify it cannot be told whether one of them is of another actuator, "
+        f"which would look like this, too: give {_LEAST_LEFT + 1} or more the role identify to have that looked for"
+    ]
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """A recording to validate that is not of the actuator of the others: its displacement over what these expect."""
+
+    recording: str
+    ratio: float
+    se: float
+
+    def note(self) -> str:
+        """One line that names it."""
+        return (
+            f"{self.recording}: this recording does not belong to the actuator of the others: its displacement is "
+            f"{self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect; check what it was recorded "
+            "on"
+        )
+
+
+def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> list[Foreign]:
+    """Recordings to validate whose size does not fit the actuator of the others."""
+    used = [p for p in fit.problem.pieces if p.channel == "displacement"]
+    out: list[Foreign] = []
+    unseen = [p for p in held if p.channel == "displacement"]
+    if len(used) < _LEAST_LEFT or not unseen:
+        return out
+    found = _sizes(fit, [*used, *unseen], tell)
+    se = _spread(found[: len(used)])
+    for piece, ratio in zip(unseen, found[len(used) :], strict=True):
+        if abs(ratio - 1.0) > max(_DIFFERENT, _SIGMAS_UNSEEN * se):
+            out.append(Foreign(piece.name, ratio, se))
+    return out
+
+
+def stated_hold(pieces: tuple[Piece, ...]) -> str:
+    """Convention that the voltage recordings were read by."""
+    return ", ".join(sorted({p.recording.hold for p in pieces if p.nodes is not None}))
+
+

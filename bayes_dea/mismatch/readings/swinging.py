@@ -1,0 +1,133 @@
+"""What swings at a frequency of its own while nothing moves: a building, a fan, a loop of the supply.
+
+The noise of a sensor has no lines but those of the mains: its spectrum at rest is flat or falls, as that of AR(1) does.
+What stands out of it narrowly is no noise, however well a larger and more correlated one would take it in. Looked at
+are rows of the recordings to identify at which the command stands still, less the best explanation: what rings or
+creeps there by a law is in that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import detrend, periodogram
+from scipy.stats import gamma
+
+from ...campaign.rhythm import with_a_reading
+from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit
+from ...models.electrostatics import filled_input
+from ...noise.quiet import still_windows, stillness
+
+Array = NDArray[np.float64]
+
+#: rows of a segment, rows after a change of the command that are left out, segments of a recording at most, and in all
+_SEGMENT, _AFTER, _MOST, _LEAST = 1024, 2048, 200, 20
+#: share of a segment's rows that has to be observed; the rest is bridged
+_OBSERVED = 0.98
+#: bins that a slow drift may fill, bins around one that do not count as its neighbours, and bins that do
+_SLOW, _OWN, _AROUND = 4, 4, 24
+#: times its neighbours that a bin has to be, and the chance of it in all bins below which it is no chance
+_TIMES, _CHANCE = 4.0, 1e-6
+#: half-width around mains lines and their multiples (bins)
+_MAINS = 2
+
+
+@dataclass(frozen=True)
+class Swinging:
+    """A line at rest: frequency (Hz), amplitude (m), power over that of its neighbours, chance, where most of it is."""
+
+    frequency_Hz: float
+    amplitude_m: float
+    ratio: float
+    p_value: float
+    recording: str
+
+    def note(self) -> str:
+        """One line on it."""
+        return (
+            f"readings swing at {self.frequency_Hz:.3g} Hz by {1e6 * self.amplitude_m:.2g} um where the command stands "
+            "still; noise of a sensor does not, so something shakes that is on no list: the stand, a fan, a supply"
+        )
+
+
+    def repair(self, partial: str) -> dict[str, Any]:
+        """The "repair" of diagnosis.json (see `unknown.repair`); partial: the best explanation of everything else."""
+        what = f"a swing at {self.frequency_Hz:.3g} Hz"
+        term = {"term": what, "mean": self.amplitude_m, "sd": self.amplitude_m / self.ratio**0.5, "unit": "m",
+                "inclusion_probability": 1.0 - self.p_value}  # fmt: skip
+        return {
+            "stage": "sensor",
+            "acts_on": "time alone, also where the command stands still",
+            "form": f"{1e6 * self.amplitude_m:.2g} um x ({what})",
+            "terms": [term],
+            "partial": partial,
+        }
+
+
+def swinging(fit: Fit, resolution: float) -> Swinging | None:
+    """The strongest line at rest in what a fit leaves; None where there is none of at least the resolution (m)."""
+    rows = fit.problem.rows(fit.q)
+    _, gains = fit.problem.beside(fit.q)
+    by_step: dict[float, list[tuple[str, Array]]] = {}
+    for piece, x in zip(fit.problem.pieces, rows, strict=True):
+        if piece.channel == "displacement":
+            step = round(piece.prepared.reading_step_s, 7)
+            found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x)
+            if len(found):
+                by_step.setdefault(step, []).append((piece.name, found))
+    lines = [line for step, parts in by_step.items() if (line := _line(step, parts)) is not None]
+    lines = [line for line in lines if line.amplitude_m >= resolution]
+    return max(lines, key=lambda line: line.amplitude_m) if lines else None
+
+
+def _segments(piece: Piece, left: Array) -> Array:
+    """Power densities (k, bins) of stretches in which the command stands still, less their straight lines; m^2 row."""
+    p = piece.prepared
+    read = with_a_reading(p.y)
+    u, observed, left = filled_input(p.recording.columns["voltage_V"])[read], p.observed[read], left[read]
+    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), _SEGMENT, _AFTER)
+    rows = np.arange(_SEGMENT)
+    parts = []
+    for begin in starts[:_MOST]:
+        seen, v = observed[begin : begin + _SEGMENT], left[begin : begin + _SEGMENT]
+        if seen.mean() > _OBSERVED:
+            parts.append(np.where(seen, v, np.interp(rows, rows[seen], v[seen])))
+    if not parts:
+        return np.empty((0, 0))
+    return np.asarray(periodogram(detrend(np.array(parts)), window="hann", detrend=False)[1], dtype=float)
+
+
+def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
+    """What stands out most of the mean periodogram of recordings at one sampling step."""
+    every = np.concatenate([found for _, found in parts])
+    count = len(every)
+    if count < _LEAST:
+        return None
+    power = every.mean(axis=0)
+    width_Hz = 1.0 / (_SEGMENT * step_s)
+    usable = np.ones(power.size, dtype=bool)
+    usable[:_SLOW], usable[-2:] = False, False
+    for mains in (50.0, 60.0):
+        for line in np.arange(mains, power.size * width_Hz + mains, mains):
+            at = round(line / width_Hz)
+            usable[max(at - _MAINS, 0) : at + _MAINS + 1] = False
+    ratios = np.zeros(power.size)
+    for at in map(int, np.flatnonzero(usable)):
+        near = np.arange(max(at - _AROUND, _SLOW), min(at + _AROUND + 1, power.size - 2))
+        near = near[(np.abs(near - at) > _OWN) & usable[near]]
+        floor = float(np.median(power[near])) if near.size >= _AROUND // 2 else np.inf
+        ratios[at] = power[at] / max(floor, 1e-300)
+    k = int(np.argmax(ratios))
+    ratio = float(ratios[k])
+    p_value = min(float(gamma.sf(count * ratio, count)) * power.size, 1.0)
+    if ratio < _TIMES or p_value > _CHANCE:
+        return None
+    # a swing of amplitude a has the variance a^2/2, in bins one segment's inverse wide
+    own = slice(max(k - _OWN, 0), k + _OWN + 1)
+    amplitude = np.sqrt(2.0 * np.sum(np.maximum(power[own] - power[k] / ratio, 0.0)) / _SEGMENT)
+    most = max(parts, key=lambda part: float(part[1][:, k].mean()))[0]
+    return Swinging(k * width_Hz, float(amplitude), ratio, max(p_value, 1e-300), most)

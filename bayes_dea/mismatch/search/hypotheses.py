@@ -1,0 +1,122 @@
+"""Hypotheses: which effects may be added to a model on a campaign, with which priors, and the model that has them."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+
+from ...campaign.schema import Campaign
+from ...errors import InputError
+from ...models.effects import registered_effects
+from ...models.model import Model, build_model
+from ...models.spec import parse_spec
+from ...priors import Parameter, Prior, apply_overrides, prior_folder
+
+NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
+#: how the reason begins why an effect is not weighed that a structure has no place for
+_CANNOT = "cannot act on"
+
+
+def prior_odds() -> dict[str, float]:
+    """Prior odds of the kinds of hypotheses: none, unknown, one effect, two effects (shares of one)."""
+    with (prior_folder() / "diagnosis" / "hypotheses.toml").open("rb") as file:
+        table = tomllib.load(file)
+    return {k: float(v) for k, v in table["prior_odds"].items()}
+
+
+def candidates(
+    base: Model, campaign: Campaign, channels: set[str], established: Sequence[str] = ()
+) -> tuple[list[str], dict[str, str]]:
+    """Effects that may be added to the base on these recordings, and why the others may not.
+
+    established: effects that the readings themselves have shown already.
+    """
+    out, skipped = [], {}
+    for name, effect in registered_effects().items():
+        if name in base.spec.effects or effect.without_network == base.spec.network:
+            skipped[name] = "is in the model already"
+        elif name in established:
+            skipped[name] = "is established by the readings themselves"
+        elif name == MAINS:
+            continue  # part of the noise model of every hypothesis
+        elif "displacement" not in channels and "mechanical" not in effect.acts_on:
+            skipped[name] = "acts on voltage recordings alone, and there are none"
+        elif any(not any(c in r.columns for r in campaign.recordings) for c in effect.needs):
+            skipped[name] = f"needs a column {', '.join(effect.needs)}"
+        elif _refused(base, name):
+            skipped[name] = f"{_CANNOT} {_structure(base)}"
+        else:
+            out.append(name)
+    return out, skipped
+
+
+def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:
+    """One line on effects that a structure has no place for, and a structure that has; None without any."""
+    names = [name for name, why in skipped.items() if why.startswith(_CANNOT)]
+    if not names:
+        return None
+    law, n = base.spec.law, base.spec.elements
+    other = "hooke+gm3" if law is None else f"{law}+gm{n} or hooke+gkv{n}"
+    return (
+        f"{len(names)} of the effects could not be weighed on {_structure(base)}, which does not know the strain that "
+        f"they need ({', '.join(names)}); what one of them does may pass for another, or for unknown: take {other} to "
+        "weigh them too"
+    )
+
+
+def _refused(base: Model, effect: str) -> bool:
+    """Whether a structure has no place for an effect."""
+    try:
+        parse_spec(f"{base.name}+{effect}")
+    except InputError:
+        return True
+    return False
+
+
+def _structure(base: Model) -> str:
+    """A model's SPEC without its effects."""
+    return "+".join(p for p in base.name.split("+") if p not in base.spec.effects)
+
+
+def effect_priors(names: Sequence[str], campaign: Campaign) -> dict[str, object]:
+    """Priors of effects that depend on the campaign (its largest command, its longest recording), by parameter."""
+    out: dict[str, object] = {}
+    for name in names:
+        out.update(registered_effects()[name].prior_for(campaign))
+    return out
+
+
+def parted(
+    model: str, priors: Mapping[str, Parameter | Prior]
+) -> tuple[dict[str, Parameter | Prior], dict[str, Parameter | Prior]]:
+    """Priors of a SPEC's own parameters, and those of effects that may be added to it.
+
+    What neither has stays with the first, where it is refused by its name. Raises InputError for a prior that an
+    effect's parameter cannot have.
+    """
+    known = {p.name for p in build_model(model).parameters}
+    further: dict[str, Parameter | Prior] = {}
+    for effect in registered_effects().values():
+        own = {p.name: priors[p.name] for p in effect.parameters if p.name in priors and p.name not in known}
+        apply_overrides(effect.parameters, own)
+        further |= own
+    return {name: prior for name, prior in priors.items() if name not in further}, further
+
+
+def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:
+    """The base with effects, in the order of their stages; None where they do not go together."""
+    order = list(registered_effects())
+    names = sorted({*base.spec.effects, *effects}, key=order.index)
+    plain = [p for p in base.spec.name.split("+") if p not in base.spec.effects]
+    try:
+        model = build_model("+".join(plain + names))
+    except InputError:
+        return None
+    own = {p.name: p for p in base.parameters}
+    known = {p.name for p in model.parameters}
+    given = {
+        **{k: v for k, v in own.items() if k in known},
+        **{k: v for k, v in overrides.items() if k in known and k not in own},
+    }
+    return build_model("+".join(plain + names), given)  # type: ignore[arg-type]
+

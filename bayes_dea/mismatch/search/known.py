@@ -1,0 +1,131 @@
+"""What has been weighed so far: which of it counts as physics, and with what prior odds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.reduced import Piece
+from ..where.size import effect_size, size_elsewhere
+from .hypotheses import DELAY
+from .once import Once
+from .phase import phase_odds
+from .stand_ins import with_true_modes
+from .weigh import Weighed
+
+#: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
+_CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
+#: nats that may well be chance (20 to 1, and there are twenty effects): less is no lead
+SLIGHT = 3.0
+#: nats by which an effect has to be ahead of what lacks it for a mode that does its work to be looked for
+_NEEDED = 5.0
+
+
+@dataclass(frozen=True)
+class Known:
+    """Hypotheses by name.
+
+    none: the base alone; singles: number of effects that may be added to it; elsewhere: displacements that were not
+    fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most. noise:
+    its prior, with which an effect is held against modes that are none of its own making (`stand_ins`).
+    """
+
+    none: Weighed
+    resolution_m: float
+    odds: Mapping[str, float]
+    singles: int
+    elsewhere: Sequence[Piece] = ()
+    weighed: dict[str, Weighed] = field(default_factory=dict)
+    noise: NoisePrior | None = None
+    _sizes: Once[float] = field(default_factory=Once, repr=False)
+
+    def take(self, found: Iterable[Weighed]) -> None:
+        """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
+        for w in found:
+            before = self.weighed.get(w.name)
+            if before is None or w.log_evidence > before.log_evidence - _CLEARLY:
+                self.weighed[w.name] = w
+
+    def take_from_elsewhere(self, found: Sequence[Weighed]) -> list[Weighed]:
+        """Add those that are clearly better than what is known, and return them.
+
+        Theirs are Laplace's evidences, which overstate along ridges; a maximum that is higher is another matter.
+        """
+        for w in found:
+            before = self.weighed.get(w.name)
+            if before is None or w.log_evidence > before.log_evidence + _least_gain(w, before):
+                self.weighed[w.name] = w
+        return [w for w in found if self.weighed[w.name] is w]
+
+    @property
+    def counting(self) -> list[Weighed]:
+        """Those that change enough to be claimed as physics."""
+        return [w for w in self.weighed.values() if self.enough(w)]
+
+    def enough(self, w: Weighed) -> bool:
+        """Whether it changes as much as the sensor resolves, or explains more than one of its kind that does.
+
+        What a grid calls hopeless has the fit of another one, and changes nothing of its own.
+        """
+        return w.refitted and (self._large(w) or any(self._large(v) for v in self.poorer(w)))
+
+    def share(self, w: Weighed) -> float:
+        """Prior odds of one hypothesis."""
+        plain = self.odds["single" if len(w.effects) == 1 else "double"] / self.singles
+        return plain * (phase_odds(w.fit) if DELAY in w.effects and w.refitted else 1.0)
+
+    def weight(self, w: Weighed) -> float:
+        """Log evidence and log prior."""
+        return w.log_evidence + math.log(self.share(w))
+
+    def poorer(self, w: Weighed) -> list[Weighed]:
+        """Refitted hypotheses of as many effects that explain less, but clearly more than those of fewer do."""
+        count = len(w.effects)
+        if w.fit is self.none.fit or count == 0:
+            return []
+        others = self.weighed.values()
+        fewer = [v.log_evidence for v in others if len(v.effects) == count - 1] if count > 1 else []
+        least = max(fewer, default=self.none.log_evidence) + SLIGHT
+        alike = [v for v in others if len(v.effects) == count and v.fit is not self.none.fit and v is not w]
+        return [v for v in alike if least < v.log_evidence <= w.log_evidence]
+
+    def _large(self, w: Weighed) -> bool:
+        if w.size_m >= self.resolution_m or w.fit is self.none.fit:
+            return w.size_m >= self.resolution_m
+        return self._elsewhere(w) >= self.resolution_m or self._with_modes_kept(w) >= self.resolution_m
+
+    def _elsewhere(self, w: Weighed) -> float:
+        """Its size (m) on recordings that were not fitted."""
+        if not self.elsewhere:
+            return 0.0
+        return self._sizes((w.fit,), lambda: size_elsewhere(self.none.fit, w.fit, self.elsewhere))
+
+    def _with_modes_kept(self, w: Weighed) -> float:
+        """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
+        simpler, noise = self._simpler(w), self.noise
+        if noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
+            return 0.0
+
+        def size() -> float:
+            held = with_true_modes(w.fit, simpler.fit, noise)
+            return 0.0 if held is None else max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
+
+        return self._sizes((w.fit, simpler.fit), size)
+
+    def _simpler(self, w: Weighed) -> Weighed | None:
+        """The likeliest that lacks one of its effects."""
+        if len(w.effects) == 1:
+            return self.none
+        fewer = [
+            v for v in self.weighed.values()
+            if v.refitted and len(v.effects) == len(w.effects) - 1 and set(v.effects) < set(w.effects)
+        ]  # fmt: skip
+        return max(fewer, key=lambda v: v.log_evidence, default=None)
+
+
+def _least_gain(w: Weighed, before: Weighed) -> float:
+    """Nats of evidence by which one fit of a hypothesis has to beat another."""
+    higher = before.refitted and before.fit.objective - w.fit.objective
+    return _HIGHER if higher > _PEAK else _CLEARLY

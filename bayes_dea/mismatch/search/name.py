@@ -1,0 +1,335 @@
+"""Which physics was left out: a search over every hypothesis, "none" and "unknown" among them.
+
+Single effects first; where the best of them is not adequate, a second one (and a third) beside it. "unknown" is a
+smooth discrepancy beside the best named explanation. Prior odds stand in priors/diagnosis/hypotheses.toml.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ...campaign.schema import Campaign
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit
+from ..where.discrepancy import basis, discrepancy
+from ..where.features import Features
+from ..where.locate import Places, is_adequate, places_of, scan
+from ..where.size import effect_size
+from .beside import beside, promised_beside
+from .elements import counted
+from .frame import Frame
+from .grid import Screened
+from .hypotheses import DELAY, candidates, effect_priors, prior_odds
+from .known import SLIGHT, Known
+from .naming import (
+    WORTH_LABELLING,
+    Explanation,
+    Naming,
+    but_for_what_is_too_small,
+    explain,
+    log_probabilities,
+    with_adequacy,
+)
+from .pairs import beside_the_leader, beside_the_next, freed, in_place_of_the_first
+from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, too_dear, typical
+from .quest import Quest, Report, unheard
+from .relabel import FURTHER, labellings
+from .rivals import again, from_the_leader
+from .second_thoughts import merged, second_thoughts
+from .slow_start import LIMITS, low_start
+from .weigh import Weighed, excess
+
+Array = NDArray[np.float64]
+
+#: nats that can be seen: by which an effect's likelihood varies over its grid, or a discrepancy is better than none
+_VISIBLE = 5.0
+#: nats that a grid has to promise for a second effect beside one that leaves nothing to be seen
+_HIDDEN = 8.0
+#: share of what is left that a grid promises for an effect which is in the recordings, at least
+_PROMISES = 1.0 / 3.0
+#: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
+_STEP = 0.05
+
+
+@dataclass(frozen=True)
+class Brief:
+    """What is asked of a search, whatever the fit that it begins with.
+
+    overrides: priors that the user gives; established: effects that the readings show by themselves; unseen: recordings
+    to validate, of which the commands alone are used: an effect is as large as on the recording of the campaign that it
+    moves most (CONTRACT 1).
+    """
+
+    campaign: Campaign
+    prior: NoisePrior
+    resolution_m: float
+    overrides: Mapping[str, object] = field(default_factory=dict)
+    most_effects: int = 3
+    established: tuple[str, ...] = ()
+    unseen: tuple[Piece, ...] = ()
+    say: Report = unheard
+
+
+class _SpoiledError(Exception):
+    """A fit has shown readings that are false."""
+
+
+def name_physics(
+    base: Fit,
+    looks: list[Features],
+    brief: Brief,
+    rng: np.random.Generator,
+    *,
+    spoiled: Callable[[Fit], bool] | None = None,
+    memory: dict[str, Screened] | None = None,
+    begun: Sequence[Fit] = (),
+    otherwise: Callable[[Fit], float] = lambda _: 0.0,
+) -> Naming | None:
+    """Weigh all hypotheses on the recordings to identify.
+
+    otherwise: nats of what an explanation leaves that another reading of the recordings would take. Further effects are
+    looked for only where a grid promises as much; else they are sought under that reading first, and are put off where
+    the grid promises a third of it.
+
+    memory: single effects on their grids, as an earlier search left them; filled in. begun: explanations from another
+    reading of the recordings, as what a search may miss that has to begin anew.
+
+    spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
+    to be made clean first, and None is returned.
+    """
+    def look(fit: Fit) -> None:
+        if spoiled is not None and spoiled(fit):
+            raise _SpoiledError
+
+    columns, places = basis(base, looks), places_of(base.problem.pieces, rng, looks)
+    brief.say("finding starts", 0, 3, "slow waves and plateaus")
+    frames = frames_of(base, looks, brief.prior)
+    brief.say("finding starts", 1, 3, "what is left")
+    none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, places))
+    names, skipped = candidates(
+        base.problem.model, brief.campaign, {p.channel for p in base.problem.pieces}, brief.established
+    )
+    given: dict[str, object] = {**effect_priors(names, brief.campaign), **brief.overrides}
+    quest = Quest(base, tuple(names), given, brief.prior, rng, brief.say, lambda fit: is_adequate(fit, rng, places))
+    limited = [] if none.adequate else _from_the_lower_half(quest)
+    found = on_grids([*frames, *limited], len(frames), quest, memory)
+    try:
+        singles = refined(base, found, quest, 2, look)
+        search = _Search(quest, brief, none, places, columns, singles, look, otherwise)
+        search.known.take_from_elsewhere(again(begun, base, brief.prior))
+        search.run([f.fit.q for f in frames[1:]])
+    except _SpoiledError:
+        return None
+    visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
+    return search.naming(skipped, visible)
+
+
+def _from_the_lower_half(quest: Quest) -> list[Frame]:
+    """Where the base may be moved along from where a limit cuts off what lies above; none where nothing may be one."""
+    if not any(n in LIMITS for n in quest.names):
+        return []
+    quest.say("finding starts", 2, 3, "the lower half of the range")
+    base = quest.base
+    level = typical(base)
+    level[quest.model.dimension + base.problem.zero_mean.size :] = 0.0
+    low = low_start(base, quest.prior, [level])
+    return [] if low is None else [Frame(replace(low, noise=quest.prior.start()), far=True, kind="low")]
+
+
+class _Search:
+    """What has been found so far, from the single effects on to the best explanation of all."""
+
+    def __init__(
+        self, quest: Quest, brief: Brief, none: Explanation, places: Places, columns: list[Array],
+        singles: dict[str, Weighed], look: Callable[[Fit], None], otherwise: Callable[[Fit], float],
+    ) -> None:
+        self.quest, self.brief = quest, brief
+        self.none = self.best = none
+        self.others: list[Explanation] = []
+        self.put_off = False
+        self.odds = prior_odds()
+        elsewhere = [p for p in brief.unseen if p.channel == "displacement"]
+        self.known = Known(
+            none.weighed, brief.resolution_m, self.odds, max(len(quest.names), 1), elsewhere, singles, brief.prior
+        )
+        self._places, self._columns, self._look, self._otherwise = places, columns, look, otherwise
+        self._considered: list[Weighed] = []
+
+    def run(self, starts: list[Array]) -> None:
+        """One effect, further ones where one is not enough, and what is left after that.
+
+        starts: where the base was fitted to parts of the recordings.
+        """
+        ranked = sorted(self.known.counting, key=lambda w: -w.log_evidence)
+        if ranked and ranked[0].log_evidence > self.none.weighed.log_evidence - SLIGHT:
+            self._tell(0, 6, ranked[0].name)
+            self._look(ranked[0].fit)
+            self._lead(self._thoughts(ranked[0]))
+        for _ in range(self.brief.most_effects):
+            if not self._one_more():
+                break
+        if not self._is_explained and not self.best.adequate and not ranked and self._otherwise(self.quest.base) <= 0.0:
+            self._two_below_a_step()
+        if not self.best.adequate:
+            self._settle(but_for_what_is_too_small(self.best, self.known, self._explained))
+        if self.best.discrepancy is None:
+            # what imitated something that was left out has to find back
+            beside_it = discrepancy(
+                self.best.weighed.fit, self._columns, self.brief.prior, [] if self._is_explained else starts,
+                self._tell, straight=self._is_explained,
+            )  # fmt: skip
+            self.best = replace(self.best, discrepancy=beside_it)
+            self.none = self.best if self.best.weighed is self.none.weighed else self.none
+        if self._is_explained and self.best.adequate:
+            self.known.take_from_elsewhere(from_the_leader(self.best.weighed, self.known.counting, self.quest))
+
+    def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
+        """The probabilities of all that was weighed."""
+        prior = self.brief.prior
+        evidence, error, log_p = log_probabilities(self.known, self.none, [self.best, *self.others], self.odds, prior)
+        total = float(logsumexp(list(log_p.values())))
+        probability = with_adequacy(
+            {k: math.exp(v - total) for k, v in log_p.items()}, self.best, self.none, self.brief.resolution_m
+        )
+        labelled = {
+            w.name: labellings(w, prior)
+            for w in self.known.weighed.values()
+            if FURTHER in w.effects and probability.get(w.name, 0.0) > WORTH_LABELLING
+        }
+        return Naming(
+            self.none, self.best, self.known.weighed, evidence, error, probability, log_p, skipped, labelled, visible,
+            self.put_off,
+        )  # fmt: skip
+
+    @property
+    def _is_explained(self) -> bool:
+        """Whether something else than the base leads."""
+        return self.best is not self.none
+
+    def _tell(self, done: float, of: float, text: str) -> None:
+        self.brief.say("checking what is left", done, of, text)
+
+    def _lead(self, w: Weighed) -> None:
+        """Go on with a hypothesis as the best so far."""
+        self.best = self._explained(w)
+        self.others.append(self.best)
+
+    def _explained(self, w: Weighed) -> Explanation:
+        return explain(w, self._places, self._columns, self.quest.rng, self.brief.prior, self._tell)
+
+    def _settle(self, judged: Explanation) -> None:
+        """The best so far as it is judged in the end."""
+        self.none = self.none if self._is_explained else judged
+        self.others = [judged if e is self.best else e for e in self.others]
+        self.best = judged
+
+    def _thoughts(self, w: Weighed) -> Weighed:
+        """The same, or what is likelier once no mode of the base stands in for another effect."""
+        if any(w is c for c in self._considered):
+            return w
+        recounted = counted(w, self.quest.base, self.brief.prior)
+        if recounted is not w:
+            self.known.weighed[w.name] = w = recounted
+        more = second_thoughts(w, self.quest)
+        better = self.known.take_from_elsewhere([t for t in more if self.known.enough(t)])
+        self._considered.append(max([w, *better], key=self.known.weight))
+        return self._considered[-1]
+
+    def _one_more(self) -> bool:
+        """Look for an effect beside the best, where that is not enough; whether yet another may be looked for."""
+        best, prior = self.best.weighed, self.brief.prior
+        gain = self.best.discrepancy.gain if self.best.discrepancy else 0.0
+        enough_alone = self.best.adequate and gain < _VISIBLE
+        if not 1 <= len(best.effects) < self.brief.most_effects:
+            return False
+        if len(best.effects) > 1 and too_dear(best.effects):
+            return False
+        if best.log_evidence < self.none.weighed.log_evidence:
+            return False
+        # what seems to be enough may be so with a mode that stands in for a second effect, or hide a weak one
+        free = freed(best, prior) if enough_alone else None
+        if enough_alone and free is None and len(best.effects) > 1:
+            return False
+        more = self._beside_what_is_enough(free) if enough_alone else self._beside_what_is_not()
+        if not more:
+            return False
+        top = max(more, key=lambda w: w.log_evidence)
+        if top.log_evidence < best.log_evidence + SLIGHT + math.log(self.odds["single"] / self.odds["double"]):
+            return False
+        self._look(top.fit)
+        left_over = excess(best.fit, prior)
+        if not enough_alone and left_over - excess(top.fit, prior) < _STEP * left_over:
+            return False
+        top = self._thoughts(top)
+        self._lead(top)
+        # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
+        return self.best.adequate or excess(top.fit, prior) <= REMAINS * left_over
+
+    def _beside_what_is_enough(self, free: Weighed | None) -> list[Weighed]:
+        """Further effects that may hide beside the best. free: it without a mode that stands in for one."""
+        best = self.best.weighed
+        start = free or best
+        more = beside(start, self.quest, _HIDDEN if free is None else LEAST_GAIN)
+        more = [replace(t, size_m=effect_size(best.fit, t.fit)) for t in more if t.fit is not start.fit]
+        # one that adds nothing to what is enough without it is no rival of that
+        more = self._taken([t for t in more if t.log_evidence > best.log_evidence])
+        if len(best.effects) == 1 and more:
+            more += self._taken(
+                in_place_of_the_first(best, more, self.known.counting, self.quest, free is not None)
+            )
+        return more
+
+    def _beside_what_is_not(self) -> list[Weighed]:
+        """Further effects where the best leaves something; put off where another reading promises more."""
+        start = self.best.weighed
+        first_of_all = len(start.effects) == 1
+        taken = self._otherwise(start.fit)
+        promised = promised_beside(start, self.quest) if taken > 0.0 else 0.0
+        if promised < taken:
+            self.put_off = promised >= _PROMISES * taken
+            return []
+        start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
+        more = self._taken(found)
+        if first_of_all:
+            swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
+            swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
+            more += self._taken(swapped)
+        return more
+
+    def _taken(self, found: list[Weighed]) -> list[Weighed]:
+        """What was found is known now; those of it that change enough to be claimed."""
+        self.known.take(found)
+        self.known.take_from_elsewhere(merged(found, self.quest))
+        return [w for w in found if self.known.enough(w)]
+
+    def _two_below_a_step(self) -> None:
+        """Two effects, each less than the sensor resolves, may leave more than noise between them."""
+        none = self.none.weighed
+        small = max((w for w in self.known.weighed.values() if w.refitted), key=self.known.weight, default=none)
+        if self.known.weight(small) <= none.log_evidence + LEAST_GAIN:
+            return
+        self.known.take(beside(small, self.quest))
+        pair = max(self.known.counting, key=self.known.weight, default=none)
+        if pair is not none and self.known.weight(pair) > self.known.weight(small):
+            self._lead(self._thoughts(pair))
+
+
+def weigh_delay(
+    base: Fit, campaign: Campaign, overrides: Mapping[str, object] | None, prior: NoisePrior, rng: np.random.Generator
+) -> float | None:
+    """Log evidence and log prior of a delay of the readings, weighed alone; None where none can be told."""
+    names, _ = candidates(base.problem.model, campaign, {p.channel for p in base.problem.pieces}, ())
+    if DELAY not in names:
+        return None
+    quest = Quest(base, (DELAY,), {**effect_priors([DELAY], campaign), **(overrides or {})}, prior, rng)
+    weighed = refined(base, on_grids([Frame(replace(base, noise=prior.start()))], 1, quest), quest)
+    if not weighed:
+        return None
+    return weighed[DELAY].log_evidence + math.log(prior_odds()["single"] / max(len(names), 1))

@@ -1,0 +1,155 @@
+"""What explains the recordings, how adequate that is, and the probabilities of every hypothesis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.refit import Fit
+from ..telling import Tell, silence
+from ..where.discrepancy import Discrepancy, discrepancy
+from ..where.locate import ADEQUATE, Places, Scan, scan
+from .hypotheses import NONE, UNKNOWN
+from .known import Known
+from .places import with_free_places
+from .relabel import FURTHER
+from .weigh import Weighed
+
+Array = NDArray[np.float64]
+
+#: probability from which on it matters which of its modes a hypothesis calls the further one
+WORTH_LABELLING = 0.01
+#: probability that a mismatch is nothing where a scan refutes the explanation just so
+_LEFT = 0.2
+#: probability that one below what the sensor resolves is something all the same
+_SOMETHING = 0.2
+#: scatter of readings, in steps, whose noise is half a step beside the rounding's own 1/sqrt(12)
+_ROUNDED = math.sqrt(0.25 + 1.0 / 12.0)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A weighed hypothesis with its adequacy."""
+
+    weighed: Weighed
+    scan: Scan
+    discrepancy: Discrepancy | None = None  # of what is adequate and of the best only: beside a poor fit it is dear
+    small: Weighed | None = None  # it and an effect too small to be claimed, which leave nothing
+
+    @property
+    def adequate(self) -> bool:
+        """Whether nothing significant is left in its residuals, or only what is too small to be claimed."""
+        return self.scan.p_value > ADEQUATE or self.small is not None
+
+    @property
+    def below_a_step(self) -> bool:
+        """Whether what is left is seen, and yet nowhere as much as the sensor resolves: no mismatch is claimed then."""
+        return not self.adequate and self.scan.nothing_claimed
+
+
+@dataclass(frozen=True)
+class Naming:
+    """Probabilities by name, the explanations behind them, and the one with which it all began."""
+
+    none: Explanation
+    best: Explanation  # the best named one, or none
+    weighed: dict[str, Weighed]
+    log_evidence: dict[str, float]
+    log_evidence_se: dict[str, float]
+    probability: dict[str, float]
+    log_weight: dict[str, float]  # log evidence and log prior, not normalised
+    skipped: dict[str, str] = field(default_factory=dict)
+    labellings: dict[str, list[Fit]] = field(default_factory=dict)  # where modes may change places (`relabel`)
+    visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
+    put_off: bool = False  # further effects promise something, and another reading more
+
+
+def explain(
+    weighed: Weighed, places: Places, columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
+    tell: Tell = silence,
+) -> Explanation:
+    """A hypothesis with its adequacy and, where it is adequate, what a discrepancy would add."""
+    tell(1, 6, weighed.name)
+    found = Explanation(weighed, scan(weighed.fit, rng, places))
+    if not found.adequate:
+        return found
+    beside = discrepancy(weighed.fit, columns, prior, (), lambda done, of, text: tell(2 + done, 2 + of, text))
+    return replace(found, discrepancy=beside)
+
+
+def but_for_what_is_too_small(
+    best: Explanation, known: Known, explained: Callable[[Weighed], Explanation]
+) -> Explanation:
+    """What is left by an explanation, judged beside one or two further effects that move less than the sensor resolves.
+
+    Such an effect is not claimed as physics (CONTRACT 1); nor is what it leaves without it a mismatch of no known kind.
+    """
+    effects = set(best.weighed.effects)
+    small = [
+        w for w in known.weighed.values()
+        if effects < set(w.effects) and len(w.effects) <= len(effects) + 2 and w.refitted
+        and w.log_evidence > best.weighed.log_evidence and not known.enough(w)
+    ]
+    if not small:
+        return best
+    beside = explained(max(small, key=lambda w: w.log_evidence))
+    return replace(best, discrepancy=beside.discrepancy, small=beside.weighed) if beside.adequate else best
+
+
+def log_probabilities(
+    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Mapping[str, float], noise: NoisePrior
+) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
+    """Log evidence, its error, and log evidence with prior odds (not normalised), of every hypothesis by its name.
+
+    What explains less than the resolution is not claimed as physics. That the modes of the base lie elsewhere than
+    expected speaks for no further one (`places`).
+    """
+    evidence = {NONE: none.weighed.log_evidence}
+    error = {NONE: none.weighed.log_evidence_se}
+    prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
+    for w in known.counting:
+        evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
+        prior_of[w.name] = known.share(w)
+    evidence[UNKNOWN] = max(
+        e.weighed.log_evidence + (min(e.discrepancy.gain, 0.0) if e.below_a_step else e.discrepancy.gain)
+        for e in explained if e.discrepancy is not None
+    )  # fmt: skip
+    error[UNKNOWN] = 0.5
+
+    def weights() -> dict[str, float]:
+        return {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
+
+    least = max(weights().values()) + math.log(WORTH_LABELLING)
+    further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
+    evidence = with_free_places(evidence, further, noise)
+    return evidence, error, weights()
+
+
+def with_adequacy(
+    probability: dict[str, float], best: Explanation, none: Explanation, resolution_m: float
+) -> dict[str, float]:
+    """Where the best named explanation leaves a mismatch that no smooth discrepancy takes, it is unknown.
+
+    But for one that is nowhere as much as the sensor resolves, which is not claimed (CONTRACT 1): what is left by the
+    model alone then, or by the best explanation. Beside that, evidences tell how likely something unknown is; not where
+    readings scatter by less than half a step, and what is below one is the rounding itself.
+    """
+    if best.adequate:
+        return probability
+    if none.below_a_step:
+        return {k: 1.0 - _SOMETHING if k == NONE else _SOMETHING if k == UNKNOWN else 0.0 for k in probability}
+    scatter_m = best.weighed.fit.noise.sigma.get("displacement", math.inf)
+    if best.below_a_step and scatter_m >= _ROUNDED * resolution_m:
+        return probability
+    named = sum(v for k, v in probability.items() if k != UNKNOWN)
+    if named == 0.0:
+        return probability
+    left = 1.0 - _SOMETHING if best.below_a_step else min(named, _LEFT, _LEFT * best.scan.p_value / ADEQUATE)
+    out = {k: v * left / named for k, v in probability.items() if k != UNKNOWN}
+    out[UNKNOWN] = 1.0 - left
+    return out

@@ -1,0 +1,1 @@
+"""Where simulation and recordings differ, and by how much."""
