@@ -127,7 +127,9 @@ def of_specimen_b(campaign, name):
     return replace(campaign, recordings=tuple(moved))
 
 
-@pytest.mark.parametrize("spec", ["hooke+gm2", "yeoh+gm1", "hooke+gm1+series_resistance"])
+@pytest.mark.parametrize("spec", [
+    "hooke+gm2", "yeoh+gm1", pytest.param("hooke+gm1+series_resistance", marks=pytest.mark.long),
+])
 def test_a_specimen_that_was_never_fitted_is_predicted_from_what_is_shared(everything, spec):
     a = assemble(of_specimen_b(everything, "kept.csv"), build_model(spec))
     assert a.posterior.specimens == ("A", "B")

@@ -221,6 +221,7 @@ def test_evidence_for_yeoh_needs_curvature() -> None:
     assert log_bayes_factor(e, curved, 1e5, 0.0, 300.0) < 1.0
 
 
+@pytest.mark.long
 def test_what_was_put_in_is_circular(statics: Section) -> None:
     returned = [e for e in statics.entries if e.entry.startswith("Yeoh") and "over 2.5 mm" not in e.entry]
     assert len(returned) == 6
@@ -236,6 +237,7 @@ def test_what_was_put_in_is_circular(statics: Section) -> None:
     assert not any(e.circular for e in hooke)
 
 
+@pytest.mark.long
 def test_static_part_can_be_written_and_drawn(statics: Section) -> None:
     from bayes_dea.report.paper_figures_material import draw
 
@@ -248,6 +250,7 @@ def test_static_part_can_be_written_and_drawn(statics: Section) -> None:
     assert draw("unknown", {}) is None
 
 
+@pytest.mark.long
 def test_every_law_has_a_posterior_and_gent_has_a_limit(statics: Section) -> None:
     rows = {e.entry: e for e in statics.entries if e.where == "Table SIV"}
     for title, names in (("Hookean", ["Y"]), ("Gent", ["mu_", "J_lim"]), ("Mooney-Rivlin", ["C_1", "C_2"]),

@@ -18,7 +18,9 @@ def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3, hidden=None):
     return replace(c, sensors={**c.sensors, "displacement": coarse})
 
 
-@pytest.mark.parametrize(("resolution_m", "verdict"), [(0.15e-6, "unknown"), (2e-6, "none")])
+@pytest.mark.parametrize(("resolution_m", "verdict"), [
+    pytest.param(0.15e-6, "unknown", marks=pytest.mark.long), (2e-6, "none"),
+])
 def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resolution_m, verdict):
     result = diagnose(wavering(resolution_m), "hooke+gm3")
     s = result.summary
@@ -30,7 +32,9 @@ def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resoluti
         assert "less than one resolution step" in s["statement"]
 
 
-@pytest.mark.parametrize(("resolution_m", "verdict"), [(0.15e-6, "unknown"), (2e-6, "series_resistance")])
+@pytest.mark.parametrize(("resolution_m", "verdict"), [
+    pytest.param(0.15e-6, "unknown", marks=pytest.mark.long), (2e-6, "series_resistance"),
+])
 def test_beside_physics_it_is_no_mismatch_of_unknown_kind_either(resolution_m, verdict):
     s = diagnose(wavering(resolution_m, hidden={"series_resistance": {"R_s_ohm": 4e5}}), "hooke+gm3").summary
     assert s["verdict"] == verdict, s["statement"]
@@ -55,7 +59,7 @@ def test_rounding_is_nothing_unknown():
     assert set(s["indistinguishable"]) == {"inertia", "unknown"}
 
 
-@pytest.mark.parametrize(("resolution_m", "seen"), [(0.15e-6, True), (2e-6, False)])
+@pytest.mark.parametrize(("resolution_m", "seen"), [(0.15e-6, True), pytest.param(2e-6, False, marks=pytest.mark.long)])
 def test_on_recordings_to_validate_it_contradicts_nothing(resolution_m, seen):
     s = diagnose(wavering(resolution_m, "sine_1Hz.csv", 1.7), "hooke+gm3").summary
     assert any("recordings to validate" in w for w in s["warnings"]) == seen

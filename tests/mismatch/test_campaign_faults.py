@@ -67,7 +67,7 @@ def test_a_recording_of_another_actuator_is_found_and_named(plain):
     assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
-@pytest.mark.parametrize("delay_s", [0.0002, 0.0006, 0.0007])
+@pytest.mark.parametrize("delay_s", [0.0002, *(pytest.param(d, marks=pytest.mark.long) for d in (0.0006, 0.0007))])
 def test_a_shift_below_one_sample_is_timing_and_no_physics(delay_s):
     """At 1 kHz: no hold convention, and yet not the bench's acquisition that is late, nor a mass that rings."""
     s = diagnose(concealed({"acquisition_delay": {"T_d_s": delay_s}}), "hooke+gm3").summary
@@ -89,7 +89,9 @@ def test_a_shift_of_a_tenth_of_a_sample_is_told_from_no_lag_and_says_so():
     assert "They cannot tell that shift from" in s["statement"]
 
 
-@pytest.mark.parametrize("effect", [{"acquisition_delay": {"T_d_s": 5e-5}}, {"sensor_lag": {"tau_s_s": 3.3e-4}}])
+@pytest.mark.parametrize("effect", [
+    pytest.param({"acquisition_delay": {"T_d_s": 5e-5}}, marks=pytest.mark.long), {"sensor_lag": {"tau_s_s": 3.3e-4}},
+])
 def test_a_lag_and_the_twentieth_of_a_sample_that_it_looks_like_stand_side_by_side(effect):
     """A phase of just a twentieth would be a rare one, so that the lag is likelier; nothing is claimed all the same."""
     s = diagnose(concealed(effect), "hooke+gm3").summary
@@ -111,7 +113,7 @@ def test_a_delay_of_one_sample_and_a_bit_is_a_delay():
     assert not any(w.startswith("timing:") for w in s["warnings"])
 
 
-@pytest.mark.parametrize("hold", ["start", "linear"])
+@pytest.mark.parametrize("hold", ["start", pytest.param("linear", marks=pytest.mark.long)])
 def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     c = replace(plain, recordings=tuple(replace(r, hold=hold) for r in plain.recordings))
     s = diagnose(c, "hooke+gm3").summary

@@ -79,6 +79,7 @@ def test_a_law_that_bends_begins_where_its_linearisation_ends():
     assert _none_better(fit, prior, sd, 8) >= 4
 
 
+@pytest.mark.long
 def test_presses_that_stiffen_are_fitted_as_well_as_a_base_can(tmp_path):
     """Beside a supply that ends: a polish by numerical Hessians broke off millions of nats off."""
     case = draw_case(100805)

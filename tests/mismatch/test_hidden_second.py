@@ -78,6 +78,7 @@ def test_two_that_the_leading_one_does_a_part_of_are_found_in_its_place(tmp_path
     assert result.naming.best.adequate
 
 
+@pytest.mark.long
 def test_a_second_effect_is_found_where_a_press_drove_the_base_off():
     """A strong further mode beside a sensor's limit: from where the limit alone stands no grid promises anything."""
     case = draw_case(1564291)

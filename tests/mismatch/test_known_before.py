@@ -46,6 +46,7 @@ def test_the_base_is_no_explanation_to_know_of(pressed):
     assert again([base], base, prior) == []
 
 
+@pytest.mark.long
 def test_a_second_look_is_told_what_the_first_found(monkeypatch):
     seen, plain = [], diagnosis.sought
 

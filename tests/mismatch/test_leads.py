@@ -27,7 +27,7 @@ def led(campaign, lead_s):
     return replace(campaign, recordings=tuple(moved(r) for r in campaign.recordings))
 
 
-@pytest.mark.parametrize("lead_s", [5e-5, 3e-4, 9e-4])
+@pytest.mark.parametrize("lead_s", [5e-5, *(pytest.param(s, marks=pytest.mark.long) for s in (3e-4, 9e-4))])
 def test_a_lead_below_one_sample_is_timing_and_no_physics(lead_s):
     s = diagnose(led(concealed(), lead_s), "hooke+gm3").summary
     assert s["verdict"] == "none"

@@ -141,8 +141,10 @@ def test_pairs_that_were_put_off_are_sought_where_gains_do_not_settle_it(monkeyp
     assert not naming.put_off
 
 
-@pytest.mark.parametrize(("promised", "sought_first", "put_off"), [(310.0, True, False), (200.0, False, True),
-                                                                   (90.0, False, False)])
+@pytest.mark.parametrize(("promised", "sought_first", "put_off"), [
+    (310.0, True, False),
+    *(pytest.param(*x, marks=pytest.mark.long) for x in [(200.0, False, True), (90.0, False, False)]),
+])
 def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off):
     """As much as gains take, or they are tried first; less than a third of that, and no pair is looked for at all."""
     campaign = concealed({"series_resistance": {"R_s_ohm": 3e5}, "strain_stiffening": {"beta": 300.0}}, validate=False)
