@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..campaign.schema import Actuator
+from ..campaign.schema import Actuator, Campaign
 from ..experiments.costs import Costs
 from ..experiments.limits import limits_of_actuator
 from ..experiments.menu import Experiment
@@ -26,8 +28,10 @@ _COSTS = Costs(rest_s=600.0)
 _GAIN_SD, _SLACK_SHARE, _SLACK_STEP = 0.02, 0.02, 0.002
 #: nats from which on an experiment decides between two explanations (20 to 1), and below which it tells nothing
 _DECISIVE, _NOTHING = 3.0, 0.1
-#: of a reading of a channel that nothing was recorded of
-_SIGMA = {"displacement": 4.7e-6, "force": 0.005}
+#: step of a slope, in sds of the parameter
+_SHARE_OF_SD = 0.3
+#: scatter (m, N) of a reading of a channel that nothing was recorded of, where no sensor states its own
+_USUAL = {"displacement": 4.7e-6, "force": 0.005}
 
 
 def menu(actuator: Actuator) -> list[Experiment]:
@@ -61,9 +65,14 @@ def answer(
     return (y, rows.readings) if np.isfinite(y).all() else None
 
 
-def weights(fit: Fit, p: Experiment, readings: Array) -> Array:
-    """Square roots (m,) of the information of each row, by the noise of a fit."""
-    sigma = fit.noise.sigma.get(p.channel, _SIGMA[p.channel])
+def stated(campaign: Campaign) -> dict[str, float]:
+    """Scatter (m, N) of a reading by the channel, as the sensors of a campaign state it."""
+    return {c: s.fluctuation for c, s in campaign.sensors.items() if s.fluctuation is not None}
+
+
+def weights(fit: Fit, p: Experiment, readings: Array, scatter: Mapping[str, float]) -> Array:
+    """Square roots (m,) of the information of each row, by the noise of a fit; scatter: of what was not recorded."""
+    sigma = fit.noise.sigma.get(p.channel, {**_USUAL, **scatter}[p.channel])
     rho = fit.noise.rho.get(p.channel, (0.0,))[0]
     return np.asarray(np.sqrt(readings) / (sigma * math.sqrt(max((1 + rho) / (1 - rho), 1e-3))), float)
 
@@ -82,20 +91,22 @@ def nuisance(fit: Fit, p: Experiment, actuator: Actuator, y: Array) -> list[Arra
     return columns
 
 
-def separation(a: Fit, b: Fit, p: Experiment, actuator: Actuator) -> float:
+def separation(
+    a: Fit, b: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float] = MappingProxyType({})
+) -> float:
     """Expected log evidence ratio in nats between two fits after the experiment, what both could refit taken out."""
     first, second = answer(a, p, actuator), answer(b, p, actuator)
     if first is None or second is None or first[0].size != second[0].size:
         return 0.0
     y, readings = first
     d = y - second[0]
-    w = weights(a, p, readings)
+    w = weights(a, p, readings, scatter)
     beside = nuisance(b, p, actuator, second[0])
     columns = [np.ones_like(y), *beside]
     information = [0.0, *np.ones(len(beside))]
     for i in range(b.problem.model.dimension):
         q = b.q.copy()
-        h = 0.3 * math.sqrt(max(b.covariance[i, i], 1e-18))
+        h = _SHARE_OF_SD * math.sqrt(max(b.covariance[i, i], 1e-18))
         q[i] += h
         moved = answer(b, p, actuator, q)
         if moved is not None and moved[0].size == y.size:
@@ -109,7 +120,9 @@ def separation(a: Fit, b: Fit, p: Experiment, actuator: Actuator) -> float:
     return max(0.0, 0.5 * float(np.sum((w * d) ** 2) - g @ x))
 
 
-def first_experiment(base: Fit, actuator: Actuator, tell: Tell = silence) -> dict[str, Any]:
+def first_experiment(
+    base: Fit, actuator: Actuator, tell: Tell = silence, scatter: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, Any]:
     """The experiment that teaches most of the model itself, an hour: for recordings that tell nothing yet.
 
     Information is half the log of one plus the squared size in sds that each parameter's posterior still moves the
@@ -126,7 +139,7 @@ def first_experiment(base: Fit, actuator: Actuator, tell: Tell = silence) -> dic
         if plain is None:
             continue
         y, readings = plain
-        w = weights(base, p, readings)
+        w = weights(base, p, readings, scatter)
         beside = np.stack([np.ones_like(y), y], axis=1) * w[:, None]
         frame = np.linalg.qr(beside)[0]
         nats = 0.0
@@ -155,7 +168,8 @@ def first_experiment(base: Fit, actuator: Actuator, tell: Tell = silence) -> dic
 
 
 def next_experiment(
-    fits: list[Fit], names: list[str], actuator: Actuator, tell: Tell = silence
+    fits: list[Fit], names: list[str], actuator: Actuator, tell: Tell = silence,
+    scatter: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """The experiment with the largest expected separation of the two likeliest explanations per hour."""
     if len(fits) < 2:
@@ -164,7 +178,7 @@ def next_experiment(
     proposals = menu(actuator)
     for k, p in enumerate(proposals):
         tell(k, len(proposals), p.name)
-        nats = separation(fits[0], fits[1], p, actuator)
+        nats = separation(fits[0], fits[1], p, actuator, scatter)
         scored.append((nats * 3600.0 / cost_s(p), nats, p))
     rate, nats, p = max(scored, key=lambda s: s[0])
     if nats < _NOTHING:
@@ -178,3 +192,67 @@ def next_experiment(
         "cost_s": cost_s(p),
         "nats_per_hour": rate,
     }
+
+
+def sharpening_experiment(
+    fit: Fit, own: Sequence[int], actuator: Actuator, tell: Tell = silence,
+    scatter: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """The experiment that teaches most of some parameters of a fit, an hour.
+
+    own: their positions among the coordinates of the model. Expected information is half the log of the ratio of their
+    covariance's determinants, before and after (Lindley 1956, doi:10.1214/aoms/1177728069, for a linearised model);
+    all other parameters, the sensor's gain and offset and the slack before contact are learned along.
+    """
+    d = fit.problem.model.dimension
+    before = fit.covariance[:d, :d]
+    root = np.linalg.cholesky(before + 1e-12 * np.diag(np.diag(before)))
+    best: tuple[float, float, Experiment, Array] | None = None
+    proposals = menu(actuator)
+    for k, p in enumerate(proposals):
+        tell(k, len(proposals), p.name)
+        taught = _taught(fit, p, actuator, scatter)
+        if taught is None:
+            continue
+        after = root @ np.linalg.inv(np.eye(d) + root.T @ taught @ root) @ root.T
+        nats = 0.5 * (_log_det(before, own) - _log_det(after, own))
+        rate = nats * 3600.0 / cost_s(p)
+        if best is None or rate > best[0]:
+            best = rate, nats, p, np.sqrt(np.diag(after)[list(own)] / np.diag(before)[list(own)])
+    if best is None or best[1] < _NOTHING:
+        return {"why": f"no experiment of the menu sharpens what is known (less than {_NOTHING:.1g} nats)", "recording": {}}
+    rate, nats, p, shares = best
+    at = int(np.argmin(shares))
+    name = fit.problem.model.priors.names[own[at]]
+    return {
+        "why": f"narrows the interval of {name} to {shares[at]:.2g} of its width",
+        "recording": p.stated,
+        "expected_information_nats": nats,
+        "cost_s": cost_s(p),
+        "nats_per_hour": rate,
+    }
+
+
+def _taught(fit: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float]) -> Array | None:
+    """Information (d, d) of an experiment about the model's coordinates; None where the fit has no answer to it."""
+    plain = answer(fit, p, actuator)
+    if plain is None:
+        return None
+    y, readings = plain
+    w = weights(fit, p, readings, scatter)
+    slopes = np.zeros((y.size, fit.problem.model.dimension))
+    for i in range(slopes.shape[1]):
+        q = fit.q.copy()
+        h = _SHARE_OF_SD * math.sqrt(max(fit.covariance[i, i], 1e-18))
+        q[i] += h
+        moved = answer(fit, p, actuator, q)
+        if moved is not None and moved[0].size == y.size:
+            slopes[:, i] = w * (moved[0] - y) / h
+    beside = np.stack([np.ones_like(y), *nuisance(fit, p, actuator, y)], axis=1) * w[:, None]
+    known = np.diag([0.0, *np.ones(beside.shape[1] - 1)])
+    shared = beside.T @ slopes
+    return slopes.T @ slopes - shared.T @ np.linalg.lstsq(beside.T @ beside + known, shared, rcond=1e-12)[0]
+
+
+def _log_det(covariance: Array, own: Sequence[int]) -> float:
+    return float(np.linalg.slogdet(covariance[np.ix_(own, own)])[1])

@@ -21,7 +21,7 @@ from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from . import second_look
-from .ask import first_experiment, next_experiment
+from .ask import first_experiment, next_experiment, sharpening_experiment, stated
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
@@ -185,7 +185,7 @@ def _once(
         )
     lap("prove")
     say("asking", 0, 1, "the next experiment")
-    ask = _ask(found, lambda *at: say("asking", *at))
+    ask = _ask(found, stated(ready.campaign), lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *found.notes()]
     foreign: list[Foreign] = []
@@ -274,12 +274,13 @@ def _drawn(
     return posterior(fit, own, rng, tell) if own.size else None
 
 
-def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
-    """The experiment that would split what is left, or show anything at all where these recordings do not."""
+def _ask(found: Judged, scatter: Mapping[str, float], tell: Tell = silence) -> dict[str, Any]:
+    """The experiment that would split what is left, sharpen it, or show anything at all where these recordings do not.
+    """
     naming, base, ruling = found.naming, found.base, found.ruling
     actuator = base.problem.pieces[0].recording.actuator
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
-        return first_experiment(base, actuator, tell)
+        return first_experiment(base, actuator, tell, scatter)
     if ruling.verdict == UNKNOWN:
         return {"why": "what was left out is on no list, so that no experiment can be told to show it; whether it is "
                        "there again when the recordings that show it most are repeated would tell whether it is of the "
@@ -292,10 +293,10 @@ def _ask(found: Judged, tell: Tell = silence) -> dict[str, Any]:
             fits.append(fit)
             names.append(name)
     if len(fits) < 2:
-        rest = " of those on the list" if UNKNOWN in ruling.members else ""
-        why = f"one explanation{rest} is left; more of the recordings at hand would sharpen it"
-        return {"why": why, "recording": {}}
-    return next_experiment(fits, names, actuator, tell)
+        model = fits[0].problem.model
+        added = [i for i, n in enumerate(model.priors.names) if n not in base.problem.model.priors.names]
+        return sharpening_experiment(fits[0], added or range(model.dimension), actuator, tell, scatter)
+    return next_experiment(fits, names, actuator, tell, scatter)
 
 
 __all__ = ["Diagnosis", "DiagnosisSettings", "diagnose"]

@@ -9,7 +9,8 @@ from bench_campaigns import ACTUATOR
 from bayes_dea.experiments.limits import limits_of_actuator
 from bayes_dea.experiments.menu import Experiment
 from bayes_dea.experiments.menu import menu as experiments
-from bayes_dea.mismatch.ask import answer, menu, next_experiment, separation
+from bayes_dea.mismatch import ask
+from bayes_dea.mismatch.ask import answer, menu, next_experiment, separation, sharpening_experiment
 from bayes_dea.models.model import build_model
 
 LIMITS = limits_of_actuator(ACTUATOR, True)
@@ -74,3 +75,42 @@ def test_a_planned_recording_has_no_temperature():
     np.testing.assert_array_equal(y, answer(fit(), CREEP, ACTUATOR)[0])
     assert next_experiment([warm, fit("sensor_lag", tau_s_s=0.02)], ["thermal_expansion", "sensor_lag"],
                            ACTUATOR)["recording"]
+
+
+def test_one_explanation_is_sharpened_by_what_a_regression_with_everything_in_it_says(monkeypatch):
+    """Joint precision of parameters, gain and offset, written down in full."""
+    known = fit("series_resistance", 0.05, R_s_ohm=3e5)
+    own = [known.problem.model.priors.names.index("R_s_ohm")]
+    told = {}
+    for e in (EDGES, CREEP, PLATES):
+        monkeypatch.setattr(ask, "menu", lambda actuator, e=e: [e])
+        told[e] = sharpening_experiment(known, own, ACTUATOR)
+    y, readings = answer(known, EDGES, ACTUATOR)
+    columns = [np.ones_like(y), *ask.nuisance(known, EDGES, ACTUATOR, y)]
+    for i in range(known.q.size):
+        up, down = (known.q + s * 1e-3 * np.eye(known.q.size)[i] for s in (1.0, -1.0))
+        columns.append((answer(known, EDGES, ACTUATOR, up)[0] - answer(known, EDGES, ACTUATOR, down)[0]) / 2e-3)
+    A = np.stack(columns, axis=1)
+    before = np.diag([1e-2 * 4.7e-6**-2, 1.0, *np.full(known.q.size, 0.05**-2)])
+    after = before + (A * readings[:, None]).T @ A / 4.7e-6**2
+    at = len(columns) - known.q.size + own[0]
+    scale = 1.0 / np.sqrt(np.diag(after))
+    left = scale[at] ** 2 * np.linalg.inv((after * scale).T * scale)[at, at]
+    expected = 0.5 * np.log(0.05**2 / left)
+    assert expected > 1.0  # the premise
+    assert told[EDGES]["expected_information_nats"] == pytest.approx(expected, rel=0.03)
+    assert f"R_s_ohm to {np.exp(-expected):.1g}" in told[EDGES]["why"]
+    assert told[EDGES]["recording"] == EDGES.stated
+    # what moves slowly tells less of a resistance, plates nothing
+    assert told[CREEP]["expected_information_nats"] < 0.6 * expected
+    assert told[PLATES]["recording"] == {}
+    assert "no experiment of the menu" in told[PLATES]["why"]
+
+
+def test_what_was_not_recorded_scatters_as_its_sensor_states():
+    softer, stiffer = fit(), fit(k_1_Pa=3.3e5)
+    for one in (softer, stiffer):
+        one.noise.sigma.pop("force")
+    apart = [separation(softer, stiffer, PLATES, ACTUATOR, {"force": s}) for s in (0.005, 0.02)]
+    assert apart[0] == pytest.approx(separation(softer, stiffer, PLATES, ACTUATOR))
+    assert 1.0 < apart[1] < 0.2 * apart[0]
