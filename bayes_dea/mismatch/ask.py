@@ -220,7 +220,8 @@ def sharpening_experiment(
         if best is None or rate > best[0]:
             best = rate, nats, p, np.sqrt(np.diag(after)[list(own)] / np.diag(before)[list(own)])
     if best is None or best[1] < _NOTHING:
-        return {"why": f"no experiment of the menu sharpens what is known (less than {_NOTHING:.1g} nats)", "recording": {}}
+        why = f"no experiment of the menu sharpens what is known (less than {_NOTHING:.1g} nats)"
+        return {"why": why, "recording": {}}
     rate, nats, p, shares = best
     at = int(np.argmin(shares))
     name = fit.problem.model.priors.names[own[at]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -134,99 +134,160 @@ def refined(
     The grid moves the base linearly and errs where that is far; so refits go down its order until what it promises is
     less than what a refit has reached.
     """
-    prior, say = quest.prior, quest.say
-    out: dict[str, Weighed] = {}
-    of: dict[str, Screened] = {}
-    reached, taken, elsewhere_reached = 0.0, 0.0, best
-    half, there = 0.5 * sum(p.blocks.n for p in base.problem.pieces), set(base.problem.model.spec.effects)
-    for k, s in enumerate(_in_order(base, screened)):
-        name = "+".join(s.effects)
-        say("refitting", k, len(screened), name)
-        promising = s.gain > max(least, asked_of(s, there, left)) and (k < _REFITTED or s.gain > taken - _NEAR)
-        # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
-        further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in screened)
-        # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
-        most = half + REMAINS * left if left > SMALL and _COSTLY.intersection(s.effects) - there else math.inf
-        w = refine(base, s, prior, 1 if further else starts, best, at_most=most) if promising else None
-        if w is not None:
-            best = min(best, w.value)
-            reached = max(reached, base.objective - w.fit.objective)
-            # at the noise that the grid has: that of a base may have grown
-            taken = max(taken, s.base_objective - w.value)
-            if k == 0 and look is not None:
-                look(w.fit)
-        if w is None:
-            highest = base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
-            w = Weighed(s.effects, base, min(s.log_evidence, highest), 0.5, 0.0)
-        w = of_laws(w, screened)
-        if name not in out or _hopeful(w, base) > _hopeful(out[name], base):
-            out[name], of[name] = w, s
-    settled: set[str] = set()
-    before = {name: w.fit.objective for name, w in out.items()}
-    for _ in range(_ESCAPES):  # the leading ones may still sit in a local maximum
-        fitted = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)
-        # of those behind, one with a mode that does the work of what it lacked before may come first without it
-        doubtful = [n for n in fitted[2:_LOOKED_AT] if stands_in(out[n].fit)]
-        waiting = [n for n in (*fitted[:2], *doubtful) if n not in settled]
-        if not waiting:
-            break
-        name, leader = waiting[0], out[fitted[0]].fit
-        found = escape(base, of[name], out[name], prior)
+    refits = _Refits(base, screened, quest, left)
+    refits.fit(starts, look, best, least)
+    found_at = refits.climb(best)
+    refits.follow(found_at)
+    refits.look_again()
+    refits.go_on()
+    refits.along_ridges()
+    return refits.out
+
+
+class _Refits:
+    """Hypotheses by name as far as they have been weighed, and the grids that they come from."""
+
+    def __init__(self, base: Fit, screened: list[Screened], quest: Quest, left: float) -> None:
+        self.base, self.screened, self.quest, self.left = base, screened, quest, left
+        self.prior = quest.prior
+        self.out: dict[str, Weighed] = {}
+        self._of: dict[str, Screened] = {}
+        self._there = set(base.problem.model.spec.effects)
+        self._judged: list[tuple[Fit, bool]] = []
+
+    def fit(self, starts: int, look: Callable[[Fit], None] | None, best: float, least: float) -> None:
+        """Refits down the order of the grids; see `refined`."""
+        reached, taken = 0.0, 0.0
+        half = 0.5 * sum(p.blocks.n for p in self.base.problem.pieces)
+        for k, s in enumerate(_in_order(self.base, self.screened)):
+            self.quest.say("refitting", k, len(self.screened), "+".join(s.effects))
+            wanted = s.gain > max(least, asked_of(s, self._there, self.left))
+            promising = wanted and (k < _REFITTED or s.gain > taken - _NEAR)
+            # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
+            further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in self.screened)
+            # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
+            costly = self.left > SMALL and bool(_COSTLY.intersection(s.effects) - self._there)
+            most = half + REMAINS * self.left if costly else math.inf
+            w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most) if promising else None
+            if w is not None:
+                best = min(best, w.value)
+                reached = max(reached, self.base.objective - w.fit.objective)
+                # at the noise that the grid has: that of a base may have grown
+                taken = max(taken, s.base_objective - w.value)
+                if k == 0 and look is not None:
+                    look(w.fit)
+            if w is None:
+                highest = self.base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
+                w = Weighed(s.effects, self.base, min(s.log_evidence, highest), 0.5, 0.0)
+            self._take(s, w)
+
+    def climb(self, elsewhere_reached: float) -> dict[str, float]:
+        """The leading ones may still sit in a local maximum. Given are the objectives that all had before."""
+        settled: set[str] = set()
+        before = {name: w.fit.objective for name, w in self.out.items()}
+        for _ in range(_ESCAPES):
+            fitted = self._fitted()
+            # of those behind, one with a mode that does the work of what it lacked before may come first without it
+            doubtful = [n for n in fitted[2:_LOOKED_AT] if stands_in(self.out[n].fit)]
+            waiting = [n for n in (*fitted[:2], *doubtful) if n not in settled]
+            if not waiting:
+                break
+            name, leader = waiting[0], self.out[fitted[0]].fit
+            found, follows = self._climbed(name, leader, elsewhere_reached)
+            self.out[name] = found
+            # what comes to lead is looked at as leaders are
+            if not follows or found.fit.objective > leader.objective:
+                settled.add(name)
+        return before
+
+    def _climbed(self, name: str, leader: Fit, elsewhere_reached: float) -> tuple[Weighed, bool]:
+        """A hypothesis out of the local maximum that it may sit in, and whether it was begun from the leader's base."""
+        base, grid = self.base, self._of[name]
+        found = escape(base, grid, self.out[name], self.prior)
         # every mode on every time constant takes a minute of what is dear: behind a leader it begins where that stands
-        follows = found.fit.objective > leader.objective and bool(base.problem.model.spec.effects) and _dear(name)
+        follows = found.fit.objective > leader.objective and bool(self._there) and _dear(name)
         if _dear(name) and found.value > elsewhere_reached - LEAST_GAIN:
             # nor is it worth that where others do as well; if it comes near, it is fitted from their base in the end
             elsewhere = found.fit
         else:
-            elsewhere = begun_from(found.fit, leader, prior) if follows else relocated(found.fit, prior)
+            elsewhere = begun_from(found.fit, leader, self.prior) if follows else relocated(found.fit, self.prior)
         if elsewhere is not found.fit:
-            found = escape(base, of[name], improved(found, base, of[name], elsewhere), prior)
-        out[name] = found
-        # what comes to lead is looked at as leaders are
-        if not follows or found.fit.objective > leader.objective:
-            settled.add(name)
-    refitted = sorted((n for n, w in out.items() if w.fit is not base), key=lambda n: out[n].fit.objective)
-    if refitted and out[refitted[0]].fit.objective < before[refitted[0]] - FOUND:
-        for name in refitted[1 : 1 + _FOLLOWING]:
-            elsewhere = begun_from(out[name].fit, out[refitted[0]].fit, prior)
-            if elsewhere is not out[name].fit:
-                out[name] = improved(out[name], base, of[name], elsewhere)
-    if refitted:
-        left_out = [s for s in screened if out["+".join(s.effects)].fit is base]
-        for s, w in overlooked(base, out[refitted[0]].fit, left_out, quest):
-            w = of_laws(w, screened)
-            if _hopeful(w, base) > _hopeful(out[w.name], base):
-                out[w.name], of[w.name] = w, s
-    top = max((_hopeful(w, base) for w in out.values()), default=0.0)
-    near = [name for name, w in out.items() if _adds(w, base) and _hopeful(w, base) >= top - RIVALS]
-    # behind a leader that another effect is looked for beside, what is dear need not be known to the last nat
-    near = sorted(near, key=lambda n: -_hopeful(out[n], base))
-    judged: list[tuple[Fit, bool]] = []
+            found = escape(base, grid, improved(found, base, grid, elsewhere), self.prior)
+        return found, follows
 
-    def enough(fit: Fit) -> bool:
-        if not any(f is fit for f, _ in judged):
-            judged.append((fit, quest.adequate is None or fit is base or quest.adequate(fit)))
-        return next(yes for f, yes in judged if f is fit)
+    def follow(self, before: Mapping[str, float]) -> None:
+        """Where the leading one has found a far better place for the base, others begin there, too."""
+        fitted = self._fitted()
+        if not fitted or self.out[fitted[0]].fit.objective >= before[fitted[0]] - FOUND:
+            return
+        for name in fitted[1 : 1 + _FOLLOWING]:
+            elsewhere = begun_from(self.out[name].fit, self.out[fitted[0]].fit, self.prior)
+            if elsewhere is not self.out[name].fit:
+                self.out[name] = improved(self.out[name], self.base, self._of[name], elsewhere)
 
-    for name in near:
-        if name == near[0] or not DEAR.intersection(of[name].effects) - there or enough(out[near[0]].fit):
-            out[name] = _gone_on(out[name], base, of[name], prior)
-    leading = max(out.values(), key=lambda w: _hopeful(w, base), default=None)
-    if leading is None or not enough(leading.fit):
-        return out
-    top = _hopeful(leading, base)
-    for name, w in out.items():  # rivals that are near are weighed along their ridges
-        own = own_index(base, of[name].model)
-        if w.fit is base or _hopeful(w, base) < top - RIVALS or own.size > _RIDGES:
-            continue
-        if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
-            continue
-        if left > SMALL and excess(w.fit, prior) > _FINELY * left:
-            continue
-        better = integrated(w.fit, own, quest.rng, partial(_along, say, name))
-        if better is not None:
-            out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
-    return out
+    def look_again(self) -> None:
+        """What was not refitted, from where the leading one has the base."""
+        fitted = self._fitted()
+        if not fitted:
+            return
+        left_out = [s for s in self.screened if self.out["+".join(s.effects)].fit is self.base]
+        for s, w in overlooked(self.base, self.out[fitted[0]].fit, left_out, self.quest):
+            self._take(s, w)
+
+    def go_on(self) -> None:
+        """Those near the leading one to their ends.
+
+        Behind a leader that another effect is looked for beside, what is dear need not be known to the last nat.
+        """
+        top = max((self._hope(n) for n in self.out), default=0.0)
+        near = [n for n, w in self.out.items() if _adds(w, self.base) and self._hope(n) >= top - RIVALS]
+        near = sorted(near, key=lambda n: -self._hope(n))
+        for name in near:
+            grid, leader = self._of[name], self.out[near[0]].fit
+            if name == near[0] or not DEAR.intersection(grid.effects) - self._there or self._is_enough(leader):
+                self.out[name] = _gone_on(self.out[name], self.base, grid, self.prior)
+
+    def along_ridges(self) -> None:
+        """Rivals that are near are weighed along their ridges, where no further effect is looked for."""
+        leading = max(self.out, key=self._hope, default=None)
+        if leading is None or not self._is_enough(self.out[leading].fit):
+            return
+        top = self._hope(leading)
+        for name, w in self.out.items():
+            own = own_index(self.base, self._of[name].model)
+            if w.fit is self.base or self._hope(name) < top - RIVALS or own.size > _RIDGES:
+                continue
+            if w.log_evidence_se < _DOUBTFUL if own.size < 2 else np.all(widths_of(w.fit, own) < NARROW):
+                continue
+            if self.left > SMALL and excess(w.fit, self.prior) > _FINELY * self.left:
+                continue
+            better = integrated(w.fit, own, self.quest.rng, partial(_along, self.quest.say, name))
+            if better is not None:
+                self.out[name] = replace(w, log_evidence=better[0] + w.shared_prior, log_evidence_se=better[1])
+
+    def _take(self, s: Screened, w: Weighed) -> None:
+        """Keep a hypothesis of a grid, where no other law of its effect explains more."""
+        name = "+".join(s.effects)
+        w = of_laws(w, self.screened)
+        if name not in self.out or _hopeful(w, self.base) > self._hope(name):
+            self.out[name], self._of[name] = w, s
+
+    def _fitted(self) -> list[str]:
+        """Names of what was refitted, the best first."""
+        names = (n for n, w in self.out.items() if w.fit is not self.base)
+        return sorted(names, key=lambda n: self.out[n].fit.objective)
+
+    def _hope(self, name: str) -> float:
+        return _hopeful(self.out[name], self.base)
+
+    def _is_enough(self, fit: Fit) -> bool:
+        """Whether a fit leaves nothing that a further effect is looked for in; asked once of each."""
+        for known, enough in self._judged:
+            if known is fit:
+                return enough
+        enough = self.quest.adequate is None or fit is self.base or self.quest.adequate(fit)
+        self._judged.append((fit, enough))
+        return enough
 
 
 def asked_of(s: Screened, there: Collection[str], left: float) -> float:
