@@ -24,7 +24,7 @@ from .readings.seen import Seen
 from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
 from .search.name import Brief, name_physics, weigh_delay
-from .search.naming import Naming
+from .search.naming import Naming, across_readings
 from .search.quest import Report
 from .telling import Tell, silence
 from .where.features import features
@@ -71,8 +71,10 @@ def sought(
         say("reading the campaign again", 0, 1, how)
         begun = _begun(naming, seen.pieces, with_gains, reread.base) if reread.gains else []
         seen.take(reread)
-        grids = {}
+        grids, before = {}, naming
         naming = named(seen, grids, begun)
+        if reread.gains:
+            naming = across_readings(naming, math.log(MOVED), before)
     loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, with_gains, rng)
     if loosened:
         say("reading the campaign again", 0, 1, "a gain of each recording")
@@ -200,9 +202,10 @@ def _with_gains_that_matter(
 
 
 def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:
-    """Nats that a gain of each recording takes of what an explanation leaves, where that is worth a search; else 0."""
+    """Nats of evidence, prior odds included, that a gain of each recording brings, where it is worth a search; else 0.
+    """
     loose = _loosened(fit, pieces, with_gains, rng)
-    return 0.0 if loose is None else max(fit.objective - loose.objective, 0.0)
+    return 0.0 if loose is None else max(loose.log_evidence + math.log(MOVED) - fit.log_evidence, 0.0)
 
 
 def _loosened(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> Fit | None:

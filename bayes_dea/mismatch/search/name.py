@@ -54,6 +54,9 @@ _VISIBLE = 5.0
 _HIDDEN = 8.0
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
+#: share of the evidence of another reading that a grid, coarse as it is, has to promise for a further effect to be a
+#: rival of that
+_NEARLY = 0.75
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 
@@ -94,9 +97,9 @@ def name_physics(
 ) -> Naming | None:
     """Weigh all hypotheses on the recordings to identify.
 
-    otherwise: nats of what an explanation leaves that another reading of the recordings would take. Further effects are
-    looked for only where a grid promises as much; else they are sought under that reading first, and are put off where
-    the grid promises a third of it.
+    otherwise: nats of evidence that another reading of the recordings would bring to an explanation. Further effects
+    are looked for only where a grid promises nearly as much; else they are sought under that reading first, and are put
+    off where the grid promises a third of it.
 
     memory: single effects on their grids, as an earlier search left them; filled in. begun: explanations from another
     reading of the recordings, as what a search may miss that has to begin anew.
@@ -292,7 +295,7 @@ class _Search:
         first_of_all = len(start.effects) == 1
         taken = self._otherwise(start.fit)
         promised = promised_beside(start, self.quest) if taken > 0.0 else 0.0
-        if promised < taken:
+        if promised < _NEARLY * taken:
             self.put_off = promised >= _PROMISES * taken
             return []
         start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit
@@ -128,6 +129,21 @@ def log_probabilities(
     further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
     evidence = with_free_places(evidence, further, noise)
     return evidence, error, weights()
+
+
+def across_readings(naming: Naming, log_odds: float, other: Naming) -> Naming:
+    """The same with what each name weighs under another reading of the same recordings, where that leaves nothing, too.
+
+    Of two readings the likelier is gone on with; what only the other one needs is a rival all the same. log_odds: of
+    the reading of `naming` before the recordings were seen.
+    """
+    if not (naming.best.adequate and other.best.adequate):
+        return naming
+    weight = {
+        k: float(np.logaddexp(w + log_odds, other.log_weight.get(k, -math.inf))) for k, w in naming.log_weight.items()
+    }
+    total = float(logsumexp(list(weight.values())))
+    return replace(naming, log_weight=weight, probability={k: math.exp(w - total) for k, w in weight.items()})
 
 
 def with_adequacy(
