@@ -43,7 +43,7 @@ def statement(
                     "not ruled out."
                 )
             others = [m for m in summary["indistinguishable"] if m != NONE]
-            return text + (f" They cannot tell that shift from {', '.join(others)}." if others else "")
+            return text + (f" These recordings cannot tell that shift from {', '.join(others)}." if others else "")
         if naming.none.scan.detected:
             return (
                 "The recordings differ from the model by less than one resolution step or by nothing that lasts; "

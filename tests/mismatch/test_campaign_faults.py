@@ -86,7 +86,7 @@ def test_a_shift_of_a_tenth_of_a_sample_is_told_from_no_lag_and_says_so():
     s = diagnose(concealed({"acquisition_delay": {"T_d_s": 1e-4}}), "hooke+gm3").summary
     assert s["verdict"] == "none"
     assert {"none", "sensor_lag", "parallel_damper"} <= set(s["indistinguishable"])
-    assert "They cannot tell that shift from" in s["statement"]
+    assert "These recordings cannot tell that shift from" in s["statement"]
 
 
 @pytest.mark.parametrize("effect", [
@@ -101,7 +101,7 @@ def test_a_lag_and_the_twentieth_of_a_sample_that_it_looks_like_stand_side_by_si
     assert {"none", "sensor_lag", "parallel_damper"} <= set(s["indistinguishable"])
     assert re.match(r"timing: the readings lag the command by 0\.0\d+ ms, less than one sample", s["statement"])
     assert re.search(rf"No physics is claimed .*{s['hypotheses'][0]['name']} is the likelier", s["statement"])
-    assert "They cannot tell that shift from" in s["statement"]
+    assert "These recordings cannot tell that shift from" in s["statement"]
 
 
 def test_a_delay_of_one_sample_and_a_bit_is_a_delay():
