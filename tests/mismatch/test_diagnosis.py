@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,6 +121,7 @@ def test_the_folder_holds_json_and_a_page_without_network(diagnosed, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert not re.search(r"""(?:src|href)=["']https?://""", page)
     assert page.count("<img") >= 5
+    assert '<p class="verdict check">' in page
     (tmp_path / "report.html").unlink()
     assert command_line("report", str(tmp_path), "--quiet") == 0
     assert (tmp_path / "report.html").read_text() == page
@@ -128,6 +130,15 @@ def test_the_folder_holds_json_and_a_page_without_network(diagnosed, tmp_path):
     text = terminal_summary(written)
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "series_resistance" in text
+
+
+def test_a_page_is_green_where_nothing_is_likelier_than_none(diagnosed, tmp_path):
+    result = diagnosed("none", {})
+    save_diagnosis(result, tmp_path)
+    assert '<p class="verdict good">' in (tmp_path / "report.html").read_text()
+    doubted = [{**h, "name": "sensor_lag"} for h in result.summary["hypotheses"][:1]] + result.summary["hypotheses"]
+    save_diagnosis(replace(result, summary={**result.summary, "hypotheses": doubted}), tmp_path)
+    assert '<p class="verdict check">' in (tmp_path / "report.html").read_text()
 
 
 def test_the_same_seed_gives_the_same_verdict_to_the_last_digit(diagnosed):
