@@ -100,7 +100,7 @@ def prior_derivatives(problem: Problem, q: Array) -> tuple[float, Array, Array]:
     return float(base), gradient, (vectors * np.maximum(values, 0.0)) @ vectors.T + np.diag(12.0 / (high - low) ** 2)
 
 
-def bounds(problem: Problem) -> tuple[Array, Array]:
+def bounds(problem: Problem) -> Box:
     """Lower and upper bounds (d,) of the coordinates; infinite where the prior has none.
 
     What a prior allows of a modulus bounds no coordinate where modes take its place: there the density alone does.
@@ -114,7 +114,7 @@ def bounds(problem: Problem) -> tuple[Array, Array]:
     return low, high
 
 
-def inner_bounds(problem: Problem) -> tuple[Array, Array]:
+def inner_bounds(problem: Problem) -> Box:
     """The same a little further in, where the density is that of the inside."""
     low, high = bounds(problem)
     margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
@@ -137,32 +137,37 @@ class End:
     own: bool  # slopes are this model's, not those of another fit
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How far a descent goes: steps at most, and the nats that its last one promises.
+
+    hopeless_above: given up where the value less ten times what the next step promises lies above this.
+    coarse: what is far from an explanation ends earlier, and slopes at the end may be carried on from a step before.
+    """
+
+    max_steps: int
+    tolerance: float
+    hopeless_above: float = math.inf
+    coarse: bool = False
+
+
+#: lower and upper bounds (d,) of coordinates
+Box = tuple[Array, Array]
+
+
 def descend(
-    problem: Problem,
-    q: Array,
-    noise: Noise,
-    low: Array,
-    high: Array,
-    max_steps: int,
-    tolerance: float,
-    kept: Kept | None,
-    hopeless_above: float = math.inf,
-    coarse: bool = False,
+    problem: Problem, q: Array, noise: Noise, box: Box, effort: Effort, kept: Kept | None = None,
     known: Linearisation | None = None,
 ) -> End | None:
     """Levenberg-Marquardt at fixed noise. None where the model has no answer at q.
 
-    hopeless_above: given up where the value less ten times what the next step promises lies above this.
-    coarse: what is far from an explanation ends earlier, and slopes at the end may be carried on from a step before.
     kept: sensitivities of another fit, for as long as they do; known: those at or near q.
     """
     journal = problem.journal
     if not journal.kept:
-        return _finished(problem, noise, descended(
-            problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above, coarse, known
-        ), coarse)  # fmt: skip
+        return _finished(problem, noise, descended(problem, q, noise, box, effort, kept, known), effort.coarse)
     about = [None if k is None else k.key for k in (kept, known)]
-    key = digest("descend", problem.key, q, noise.key, low, high, max_steps, tolerance, about, hopeless_above, coarse)
+    key = digest("descend", problem.key, q, noise.key, *box, effort, about)
     if key in journal:
         ended = journal[key]
         if ended is None:
@@ -174,18 +179,17 @@ def descend(
         prior = prior_derivatives(problem, q)
         value = prior[0] + 0.5 * float(gram[0, 0])
         return End(q, value, ended[1], gram, logdet, clean, slopes, prior, exact=True, own=ended[2])
-    end = descended(problem, q, noise, low, high, max_steps, tolerance, kept, hopeless_above, coarse, known)
+    end = descended(problem, q, noise, box, effort, kept, known)
     journal.put(key, None if end is None else [end.q.tolist(), end.steps, end.own])
-    return _finished(problem, noise, end, coarse)
+    return _finished(problem, noise, end, effort.coarse)
 
 
 def approach(
     problem: Problem, q: Array, noise: Noise, kept: Kept | None = None, hopeless_above: float = math.inf
 ) -> End | None:
     """Near the maximum on whose slope q stands, to compare with others: a coarse `descend` within the bounds."""
-    low, high = inner_bounds(problem)
-    at = np.clip(q, low, high)
-    return descend(problem, at, noise, low, high, _APPROACH, _NEAR, kept, hopeless_above, coarse=True)
+    box = inner_bounds(problem)
+    return descend(problem, np.clip(q, *box), noise, box, Effort(_APPROACH, _NEAR, hopeless_above, coarse=True), kept)
 
 
 def _finished(problem: Problem, noise: Noise, end: End | None, coarse: bool) -> End | None:
@@ -199,16 +203,7 @@ def _finished(problem: Problem, noise: Noise, end: End | None, coarse: bool) -> 
 
 
 def descended(
-    problem: Problem,
-    q: Array,
-    noise: Noise,
-    low: Array,
-    high: Array,
-    max_steps: int,
-    tolerance: float,
-    kept: Kept | None,
-    hopeless_above: float = math.inf,
-    coarse: bool = False,
+    problem: Problem, q: Array, noise: Noise, box: Box, effort: Effort, kept: Kept | None = None,
     known: Linearisation | None = None,
 ) -> End | None:
     """`descend`, worked out, whatever a journal knows; slopes at the end may be carried on.
@@ -216,6 +211,7 @@ def descended(
     Sensitivities are dear: a simulation for each coordinate. From step to step they are carried on by Broyden's update,
     and worked out again where a step does not bring what they promised, and where they promise no more.
     """
+    (low, high), coarse = box, effort.coarse
     aged = 0  # steps since the sensitivities were worked out
     if known is None:
         gram, logdet, clean, slopes = problem.gram(q, noise, kept=kept)
@@ -231,11 +227,11 @@ def descended(
         return None
     damping, taken, stuck = FIRST, 0, 0
     noise_alone = 0.5 * sum(p.blocks.n for p in problem.pieces)
-    finest = tolerance
-    while taken < max_steps:
+    tolerance = effort.tolerance
+    while taken < effort.max_steps:
         value = prior[0] + 0.5 * float(gram[0, 0])
         if coarse:
-            tolerance = finest * max(1.0, (value - noise_alone) / _FAR_OFF)
+            tolerance = effort.tolerance * max(1.0, (value - noise_alone) / _FAR_OFF)
         g = prior[1] - gram[0, 1:]
         H = gram[1:, 1:] + prior[2]
         root = metric_root(H, prior[2], problem.decoupled)
@@ -246,7 +242,7 @@ def descended(
             step = bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             whole = max(whole, promised)
-            hopeless = bool(value - 10.0 * promised > hopeless_above)
+            hopeless = bool(value - 10.0 * promised > effort.hopeless_above)
             ends = hopeless or (promised < tolerance and aged == 0)
             if hopeless or promised < tolerance:
                 break

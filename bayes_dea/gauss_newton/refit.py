@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from .descent import MARGIN, End, Linearisation, bounded_step, bounds, descended, inner_bounds, prior_derivatives
+from .descent import (
+    MARGIN,
+    Box,
+    Effort,
+    End,
+    Linearisation,
+    bounded_step,
+    bounds,
+    descended,
+    inner_bounds,
+    prior_derivatives,
+)
 from .journal import digest
 from .noise_prior import NoisePrior
 from .problem import Kept, Problem
@@ -23,6 +34,8 @@ _NOISE_SDS = 8.0
 _NUDGE, _CLOSE = 1e-3, 1e-9
 #: nats by which new noise may improve a fit that is left where it is
 _SETTLED = 0.01
+#: nats that the last step of a descent by another fit's sensitivities promises
+_ON_THE_WAY = 0.05
 
 
 def laplace(objective: float, hessian: Array) -> float:
@@ -94,35 +107,31 @@ def refit(
     coarse: what is far from an explanation need not be known to a part of a nat; for searches, not for proofs.
     known: sensitivities at or near q0, so that the first need not be worked out.
     """
-    low, high = inner_bounds(problem)
-    # as far again from there
-    margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
+    box = inner_bounds(problem)
     journal = problem.journal
     key = ""
     if journal.kept:
         about = [None if k is None else k.key for k in (kept, known)]
         key = digest("refit", problem.key, q0, noise.key, prior, max_steps, tolerance, fit_noise, about, coarse)
         if key in journal:
-            return _recalled(problem, journal[key], prior, margin, low, high)
-    start = np.clip(q0, low, high)
-    found = _searched(problem, start, noise, prior, max_steps, tolerance, fit_noise, kept, low, high, coarse, known)
+            return _recalled(problem, journal[key], prior, box)
+    effort = Effort(max_steps, tolerance, coarse=coarse)
+    found = _searched(problem, np.clip(q0, *box), noise, prior, box, effort, fit_noise, kept, known)
     if found is None:
         journal.put(key, None)
         return None
     q, noise, taken, state = found
     journal.put(key, [q.tolist(), dict(noise.sigma), {c: list(r) for c, r in noise.rho.items()}, taken])
-    return _fit(problem, q, noise, prior, taken, state, margin, low, high)
+    return _fit(problem, q, noise, prior, taken, state, box)
 
 
-def _recalled(
-    problem: Problem, kept: list[Any] | None, prior: NoisePrior, margin: Array, low: Array, high: Array
-) -> Fit | None:
+def _recalled(problem: Problem, kept: list[Any] | None, prior: NoisePrior, box: Box) -> Fit | None:
     """The fit whose end a journal has kept."""
     if kept is None:
         return None
     q = np.array(kept[0], dtype=float)
     noise = Noise(kept[1], {c: tuple(r) for c, r in kept[2].items()})
-    return _fit(problem, q, noise, prior, kept[3], problem.gram(q, noise), margin, low, high)
+    return _fit(problem, q, noise, prior, kept[3], problem.gram(q, noise), box)
 
 
 #: Gram, log det, predictions, slopes: see `Problem.gram`
@@ -130,37 +139,27 @@ State = tuple[Array, float, list[Array], list[Array]]
 
 
 def _searched(
-    problem: Problem,
-    q: Array,
-    noise: Noise,
-    prior: NoisePrior,
-    max_steps: int,
-    tolerance: float,
-    fit_noise: bool,
-    kept: Kept | None,
-    low: Array,
-    high: Array,
-    coarse: bool,
-    known: Linearisation | None,
+    problem: Problem, q: Array, noise: Noise, prior: NoisePrior, box: Box, effort: Effort, fit_noise: bool,
+    kept: Kept | None, known: Linearisation | None,
 ) -> tuple[Array, Noise, int, State] | None:
     """Descents, and the noise in between: coordinates, noise, steps taken, and what was worked out there."""
     taken = 0
     if kept is not None:
         # on the way the base's sensitivities hardly change; at the end all are worked out
-        approached = descended(problem, q, noise, low, high, max_steps, 0.05, kept, coarse=coarse)
+        approached = descended(problem, q, noise, box, replace(effort, tolerance=_ON_THE_WAY), kept)
         if approached is None:
             return None
         q, taken = approached.q, approached.steps
-    ended = descended(problem, q, noise, low, high, max_steps, tolerance, None, coarse=coarse, known=known)
+    ended = descended(problem, q, noise, box, effort, known=known)
     if ended is None:
         return None
     q, taken = ended.q, taken + ended.steps
     if fit_noise:
         noise = fit_noise_terms(problem, q, ended.clean, noise, prior)
-        if promised_at(problem, ended, noise, low, high) > _SETTLED:
+        if promised_at(problem, ended, noise, box) > _SETTLED:
             # a fit that is wrong by much lies elsewhere once the noise has grown
             there = Linearisation(q, ended.clean, ended.slopes, ended.exact)
-            again = descended(problem, q, noise, low, high, max_steps, tolerance, None, coarse=coarse, known=there)
+            again = descended(problem, q, noise, box, effort, known=there)
             if again is None:
                 return None
             ended, q, taken = again, again.q, taken + again.steps
@@ -173,15 +172,7 @@ def _searched(
 
 
 def _fit(
-    problem: Problem,
-    q: Array,
-    noise: Noise,
-    prior: NoisePrior,
-    taken: int,
-    state: State,
-    margin: Array,
-    low: Array,
-    high: Array,
+    problem: Problem, q: Array, noise: Noise, prior: NoisePrior, taken: int, state: State, box: Box
 ) -> Fit:
     """The fit at q, with Laplace's evidence."""
     gram, logdet, clean, slopes = state
@@ -189,6 +180,9 @@ def _fit(
     objective = base + 0.5 * gram[0, 0] + 0.5 * logdet + prior.minus_log(noise)
     H = gram[1:, 1:] + curvature
     H = 0.5 * (H + H.T)
+    low, high = box
+    # as far again from there
+    margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
     names = problem.names
     touching = tuple(
         names[i] for i in range(q.size) if margin[i] > 0 and min(q[i] - low[i], high[i] - q[i]) <= margin[i] + 1e-12
@@ -209,13 +203,13 @@ def extrapolated(problem: Problem, fit: Fit, prior: NoisePrior) -> tuple[float, 
     return laplace(objective, 0.5 * (H + H.T)), promised
 
 
-def promised_at(problem: Problem, end: End, noise: Noise, low: Array, high: Array) -> float:
+def promised_at(problem: Problem, end: End, noise: Noise, box: Box) -> float:
     """What a step from the end of a descent promises under other noise (nats)."""
     _, gradient, curvature = end.prior
     gram, _ = problem.sums(end.q, noise, end.clean, end.slopes)
     H = gram[1:, 1:] + curvature
     g = gradient - gram[0, 1:]
-    step = bounded_step(H, g, np.zeros_like(H), end.q, low, high)
+    step = bounded_step(H, g, np.zeros_like(H), end.q, *box)
     return -float(g @ step + 0.5 * step @ H @ step)
 
 

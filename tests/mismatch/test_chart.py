@@ -8,7 +8,7 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton import descent
 from bayes_dea.gauss_newton.chart import carried, moved
-from bayes_dea.gauss_newton.descent import Linearisation, bounds, descended
+from bayes_dea.gauss_newton.descent import Effort, Linearisation, bounds, descended
 from bayes_dea.gauss_newton.problem import Kept, Problem
 
 
@@ -100,11 +100,11 @@ def test_a_descent_ends_where_one_with_all_sensitivities_does_and_works_out_fewe
         return jacobian(self, *args, **keys)
 
     monkeypatch.setattr(Problem, "jacobian", counted)
-    few = descended(problem, q, prior.start(), low, high, 60, 1e-3, None)
+    few = descended(problem, q, prior.start(), (low, high), Effort(60, 1e-3))
     fewer = len(count)
     count.clear()
     monkeypatch.setattr(descent, "_CARRIED", 0)
-    all_of_them = descended(problem, q, prior.start(), low, high, 60, 1e-3, None)
+    all_of_them = descended(problem, q, prior.start(), (low, high), Effort(60, 1e-3))
     assert few.value == pytest.approx(all_of_them.value, abs=0.02)
     assert fewer < len(count)
 
@@ -112,7 +112,7 @@ def test_a_descent_ends_where_one_with_all_sensitivities_does_and_works_out_fewe
 def test_from_what_is_known_nothing_is_worked_out_again(plain, monkeypatch):
     problem, prior, q = plain
     low, high = bounds(problem)
-    end = descended(problem, q, prior.start(), low, high, 60, 1e-4, None)
+    end = descended(problem, q, prior.start(), (low, high), Effort(60, 1e-4))
     _, _, clean, slopes = problem.gram(end.q, prior.start())
 
     def never(*_args, **_keys):
@@ -120,23 +120,23 @@ def test_from_what_is_known_nothing_is_worked_out_again(plain, monkeypatch):
 
     monkeypatch.setattr(Problem, "jacobian", never)
     known = Linearisation(end.q, clean, slopes)
-    again = descended(problem, end.q, prior.start(), low, high, 60, 0.05, None, known=known)
+    again = descended(problem, end.q, prior.start(), (low, high), Effort(60, 0.05), known=known)
     assert again.exact
     assert again.value == pytest.approx(end.value)
     near = replace(known, exact=False)  # of a model like it: to be checked
     with pytest.raises(AssertionError, match="worked out"):
-        descended(problem, end.q, prior.start(), low, high, 60, 0.05, None, known=near)
+        descended(problem, end.q, prior.start(), (low, high), Effort(60, 0.05), known=near)
 
 
 def test_sensitivities_of_another_fit_are_left_where_they_mislead(plain):
     """Those of a fit far away promise in vain; the descent goes on with its own to the same end."""
     problem, prior, q = plain
     low, high = bounds(problem)
-    end = descended(problem, q, prior.start(), low, high, 60, 1e-3, None)
+    end = descended(problem, q, prior.start(), (low, high), Effort(60, 1e-3))
     n = problem.model.dimension + problem.zero_mean.size
     wrong = [np.ones((n, x.size)) * 1e-7 for x in end.clean]
     kept = Kept((), np.arange(n), q[:n].copy(), wrong)
-    found = descended(problem, q, prior.start(), low, high, 60, 1e-3, kept)
+    found = descended(problem, q, prior.start(), (low, high), Effort(60, 1e-3), kept)
     assert found.own
     assert found.value == pytest.approx(end.value, abs=0.05)
 

@@ -12,7 +12,7 @@ from bayes_dea.gauss_newton.refit import refit
 def _end(effects, coarse):
     """A descent of hooke+gm3 from the middle of its prior, and the nats of misfit beyond noise where it ends."""
     problem, prior, q = problem_of(concealed(effects))
-    end = descent.descend(problem, q, prior.start(), *descent.bounds(problem), 60, 0.05, None, coarse=coarse)
+    end = descent.descend(problem, q, prior.start(), descent.bounds(problem), descent.Effort(60, 0.05, coarse=coarse))
     assert end is not None
     return end, end.value - 0.5 * sum(p.blocks.n for p in problem.pieces)
 
@@ -46,7 +46,7 @@ def test_a_descent_ends_before_slopes_that_no_number_can_hold(monkeypatch, coars
         return gram, logdet
 
     monkeypatch.setattr(Problem, "sums", runs_away)
-    end = descent.descended(problem, q, prior.start(), *descent.bounds(problem), 60, 0.05, None, coarse=coarse)
+    end = descent.descended(problem, q, prior.start(), descent.bounds(problem), descent.Effort(60, 0.05, coarse=coarse))
     assert end is not None
     assert 0 < end.steps < 4
     assert np.isfinite(end.gram).all()
@@ -70,7 +70,8 @@ def _misled(monkeypatch, share, coarse):
 
     with monkeypatch.context() as m:
         m.setattr(Problem, "jacobian", bumpy)
-        end = descent.descended(problem, q, prior.start(), *descent.bounds(problem), 60, 1e-3, None, coarse=coarse)
+        effort = descent.Effort(60, 1e-3, coarse=coarse)
+        end = descent.descended(problem, q, prior.start(), descent.bounds(problem), effort)
     assert end is not None
     return len(seen), end.value - 0.5 * sum(p.blocks.n for p in problem.pieces)
 

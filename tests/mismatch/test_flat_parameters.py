@@ -7,7 +7,7 @@ from scipy.interpolate import PchipInterpolator
 
 from bayes_dea.bench.concealed import draw_case, write_case
 from bayes_dea.campaign import load_campaign
-from bayes_dea.gauss_newton.descent import bounds, descend, prior_derivatives
+from bayes_dea.gauss_newton.descent import Effort, bounds, descend, prior_derivatives
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.search.frame import own_index
@@ -34,7 +34,7 @@ def by_refits(fit, most=40.0):
     for x in at:
         a, b = low.copy(), high.copy()
         a[i] = b[i] = q[i] = x
-        end = descend(fit.problem, q, fit.noise, a, b, 40, 0.01, None)
+        end = descend(fit.problem, q, fit.noise, (a, b), Effort(40, 0.01))
         q = end.q.copy()
         H = (end.gram[1:, 1:] + end.prior[2])[np.ix_(rest, rest)]
         log_p.append(-end.value - 0.5 * np.linalg.slogdet(H)[1])

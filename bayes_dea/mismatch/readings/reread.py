@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...campaign import HOLDS
-from ...gauss_newton.descent import Linearisation, descend, inner_bounds, prior_derivatives
+from ...gauss_newton.descent import Effort, Linearisation, descend, inner_bounds, prior_derivatives
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece, renoded
@@ -131,7 +131,7 @@ def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | No
     None where that leaves more than noise, however large that has grown.
     """
     known = Linearisation(fit.q, _but(fit.clean, left_out), _but(fit.slopes, left_out))
-    end = descend(rest, fit.q, prior.start(), *inner_bounds(rest), _FEW, 1.0, None, coarse=True, known=known)
+    end = descend(rest, fit.q, prior.start(), inner_bounds(rest), Effort(_FEW, 1.0, coarse=True), known=known)
     if end is None:
         return None
     n = sum(p.blocks.n for p in rest.pieces)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ...gauss_newton.descent import Linearisation, bounds, descend
+from ...gauss_newton.descent import Effort, Linearisation, bounds, descend
 from ...gauss_newton.refit import Fit
 from ..telling import Tell, silence
 
@@ -77,7 +77,7 @@ def _held(
     a, b = low.copy(), high.copy()
     a[own] = b[own] = value
     rest = np.setdiff1d(np.arange(q.size), own)
-    end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.01, None, known=near)
+    end = descend(fit.problem, np.clip(q, a, b), fit.noise, (a, b), Effort(_DESCENT, 0.01), known=near)
     if end is None:
         return None
     H = (end.gram[1:, 1:] + end.prior[2])[np.ix_(rest, rest)]

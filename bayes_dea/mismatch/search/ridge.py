@@ -22,7 +22,7 @@ from scipy.stats import chi2, qmc
 
 from ...errors import InputError
 from ...fit.mixture import Mixture, fit_mixture, joined
-from ...gauss_newton.descent import Linearisation, bounds, descend
+from ...gauss_newton.descent import Effort, Linearisation, bounds, descend
 from ...gauss_newton.refit import Fit, inverse
 from ..telling import Tell, silence
 from .frame import Frame
@@ -226,7 +226,7 @@ class _Place:
         q = np.clip(q, low, high)
         low[self.own] = high[self.own] = q[self.own]
         near = self.fit.linearisation
-        end = descend(self.fit.problem, q, self.fit.noise, low, high, _DESCENT, 0.1, None, known=near)
+        end = descend(self.fit.problem, q, self.fit.noise, (low, high), Effort(_DESCENT, 0.1), known=near)
         if end is None:
             return None
         return _Place(replace(self.fit, q=end.q, clean=end.clean, slopes=end.slopes), self.own)
@@ -327,7 +327,7 @@ def _arms(ridge: _Ridge, own: NDArray[np.int64], along: NDArray[np.int64]) -> Mi
                     break
                 a, b = low + margin, high - margin
                 a[i] = b[i] = x
-                end = descend(fit.problem, np.clip(q, a, b), fit.noise, a, b, _DESCENT, 0.1, None, known=near)
+                end = descend(fit.problem, np.clip(q, a, b), fit.noise, (a, b), Effort(_DESCENT, 0.1), known=near)
                 if end is None or end.value > ridge.least + _DEEP:
                     if step < went or depth > _FLAT:
                         break
