@@ -100,3 +100,16 @@ def test_two_of_which_neither_leads_alone_are_found_again_when_gains_are_set_fre
     assert result.verdict in ("series_resistance+inertia", "leakage+inertia")
     assert "series_resistance+inertia" in result.summary["indistinguishable"]
     assert result.naming.best.adequate
+
+
+@pytest.mark.long
+def test_a_damper_is_found_whose_work_a_mode_did_while_a_further_one_did_that_modes():
+    """Of what a fit without the stand-in leaves, moving the rest along takes most; effects promise some of the rest."""
+    case = draw_case(1565327)
+    assert set(case.effects) == {"series_resistance", "parallel_damper"}
+    result = diagnose(campaign_of(case), case.model, seed=1)
+    weighed = result.naming.weighed
+    pair = weighed["series_resistance+parallel_damper"]
+    assert pair.log_evidence > weighed["series_resistance+extra_relaxation_mode"].log_evidence + 20.0
+    assert set(result.summary["indistinguishable"]) == {
+        "series_resistance+parallel_damper", "series_resistance+sensor_lag"}  # fmt: skip

@@ -58,8 +58,10 @@ def beside(best: Weighed, quest: Quest, least: float = LEAST_GAIN, reached: floa
 
     reached: the value (see `Weighed`) of the best that is known already.
     """
-    left, promised = excess(best.fit, quest.prior), LEAST_GAIN if len(best.effects) < 2 else _THIRD
-    found = _each_beside([Frame(best.fit)], best, quest)
+    frame, promised = Frame(best.fit), LEAST_GAIN if len(best.effects) < 2 else _THIRD
+    # what was not fitted after a mode was taken out leaves far more than grids, which move it along, can promise of
+    left = excess(best.fit, quest.prior) - frame.unsettled
+    found = _each_beside([frame], best, quest)
     most = max((s.promise for s in found), default=0.0)
     if most < max(least, promised) or all(s.promise < asked_of(s, best.effects, left) for s in found):
         # a press may have driven all that is fitted to where no second effect promises anything

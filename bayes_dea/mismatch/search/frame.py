@@ -81,6 +81,13 @@ class Frame:
         move = self.Hinv @ cross
         return self.prior + 0.5 * rr - 0.5 * float(cross @ move), move
 
+    @property
+    def unsettled(self) -> float:
+        """Nats that the fit itself gains where it is moved along linearly: none where it is a maximum."""
+        _, cross = self.residual(self.fit.clean, self.fit.q)
+        cross = cross - self.gradient
+        return 0.5 * float(cross @ self.Hinv @ cross)
+
     def residual(self, clean: list[Array], q: Array) -> tuple[float, Array]:
         """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
         rr, cross = 0.0, np.zeros(self.fit.q.size)
