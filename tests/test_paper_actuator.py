@@ -351,6 +351,7 @@ class TestLaws:
         assert exponent(V, 3e-9 * V**2.3) == pytest.approx(2.3)
 
 
+@pytest.mark.long
 def test_creep_section_is_whole_and_drawn():
     from bayes_dea.paper.section import Task
     from bayes_dea.paper.sections.creep import run

@@ -30,7 +30,9 @@ def without_clock(value):
     return [without_clock(v) for v in value] if isinstance(value, list) else value
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.long) if c == "effect" else c for c in CASES])
+@pytest.mark.parametrize("case", [
+    pytest.param(c, marks=pytest.mark.long) if c in ("effect", "nonlinear") else c for c in CASES
+])
 def test_one_worker_and_two(tiny, tmp_path, monkeypatch, case):
     shorten(monkeypatch.setattr)
     without_page(monkeypatch.setattr)

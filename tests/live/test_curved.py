@@ -73,6 +73,7 @@ def followed():
     return one, rows[: one.samples], updates
 
 
+@pytest.mark.long
 def test_a_bank_goes_on_as_if_it_had_never_stopped():
     rows, x = rows_of(6)
     model = build_model(SPEC)

@@ -29,6 +29,7 @@ def test_of_a_density_that_an_end_cuts_off_the_tail_counts(slope, curvature, mon
     assert weigh._cut_off(fit, np.array([0])) == 0.0
 
 
+@pytest.mark.long
 def test_a_peak_that_the_grid_has_missed_counts_though_a_parameter_is_at_an_end(monkeypatch):
     """A mass whose frequency lies between the steps of a grid; its damping is taken for one at its end."""
     result = diagnose(concealed({"inertia": {"f_1_Hz": 80.0, "zeta": 0.05}}), "hooke+gm3", seed=1)

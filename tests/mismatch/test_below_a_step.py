@@ -43,6 +43,7 @@ def test_beside_physics_it_is_no_mismatch_of_unknown_kind_either(resolution_m, v
         assert "less than one resolution step" in s["statement"]
 
 
+@pytest.mark.long
 def test_rounding_is_nothing_unknown():
     """Of a sensor whose step is four times the scatter: a mass is named, though what its fit leaves is no noise."""
     step_m = 1.5e-6

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
@@ -30,6 +31,7 @@ def test_rows_that_are_correlated_otherwise_are_no_mismatch():
     assert not any("mains" in w for w in s["warnings"])
 
 
+@pytest.mark.long
 def test_an_effect_is_named_and_measured_there():
     s = diagnose(captured(concealed({"series_resistance": {"R_s_ohm": 1.2e5}}, rho=0.7)), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "series_resistance", s["statement"]

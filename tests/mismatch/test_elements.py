@@ -76,6 +76,7 @@ def test_a_count_that_is_not_the_usual_one_pays_for_all_that_are_tried(twelve):
     assert difference == pytest.approx(-np.log(len(COUNTS)))
 
 
+@pytest.mark.long
 def test_recordings_that_show_no_corners_keep_the_usual_count():
     usual = build_model(f"hooke+{FRICTION}").priors.fixed["friction_elements"]
     assert usual == FRICTION_ELEMENTS  # of a plant that is told nothing else

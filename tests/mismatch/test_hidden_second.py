@@ -34,6 +34,7 @@ def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxat
     assert pair.log_evidence > result.naming.weighed["fractional_relaxation"].log_evidence + 30.0
 
 
+@pytest.mark.long
 def test_a_weak_second_effect_is_found_with_its_rivals_beside_one_that_seems_enough():
     """A dead zone of 2.5 V (0.7 um at 1200 V) beside a delay that leaves nothing significant in the residuals."""
     result = diagnose(concealed(DELAY | {"supply_dead_zone": {"V_dead_V": 2.5}}), "hooke+gm3", seed=1)

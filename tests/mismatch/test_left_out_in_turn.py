@@ -23,6 +23,7 @@ def test_what_one_recording_alone_says_is_no_proof_on_it():
     assert np.isfinite(list(gain.values())).all()
 
 
+@pytest.mark.long
 def test_what_the_others_say_as_well_is_proved():
     result = diagnose(concealed({"series_resistance": {"R_s_ohm": 1.2e5}}, validate=False), "hooke+gm3", seed=1)
     rows = leave_out_in_turn(result.base, result.corrected, noise_prior(result.assembled))

@@ -47,6 +47,7 @@ def test_the_limit_is_named_and_found_to_its_error(noiseless, part, seed):
     assert float(said[2]) == pytest.approx(1e6 * found["sd"], rel=0.4)
 
 
+@pytest.mark.long
 def test_the_end_of_a_displacement_is_no_reading():
     s = diagnose(concealed({"sensor_clipping": {"y_max_m": 1.6e-4, "clip_noise": 0.0}}), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "sensor_clipping"

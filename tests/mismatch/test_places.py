@@ -1,5 +1,6 @@
 """Modes that are quicker than the priors say are no further mode."""
 
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.bench.rig import Material
@@ -23,6 +24,7 @@ def test_modes_elsewhere_than_expected_are_not_one_more():
     assert result.summary["confidence"] > 0.8
 
 
+@pytest.mark.long
 def test_a_further_mode_that_is_there_is_one_more_wherever_the_others_lie():
     quick = Material(1.2e6, (60e3, 60e3, 60e3), (20.0, 1.0, 0.05))
     campaign = concealed({"extra_relaxation_mode": {"k_x_Pa": 120e3, "tau_x_s": 0.2}}, material=quick)

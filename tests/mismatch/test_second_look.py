@@ -57,6 +57,7 @@ def test_a_range_that_ends_above_all_recordings_to_identify_is_named():
     assert y_max["q05"] < 2.8e-4 < y_max["q95"]
 
 
+@pytest.mark.long
 def test_recordings_that_agree_are_not_looked_at_twice(diagnosed):
     for name, parameters in (("none", {}), ("series_resistance", {"R_s_ohm": 1.2e5})):
         result = diagnosed(name, parameters)

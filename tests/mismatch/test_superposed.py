@@ -108,6 +108,7 @@ def test_the_straight_law_keeps_the_mass_and_its_damper():
     assert straightened(straight, 0.2) is straight
 
 
+@pytest.mark.long
 def test_a_mass_is_named_on_a_law_that_locks_in_the_upper_half_of_the_range():
     """Fitted to the lower half alone, Gent's law has no answer in the upper one: that start is left out."""
     s = diagnose(concealed({"inertia": {"f_1_Hz": 230.0, "zeta": 0.1}}), "gent+gm3", seed=1).summary

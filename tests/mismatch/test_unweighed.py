@@ -10,6 +10,7 @@ from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 
 
+@pytest.mark.long
 def test_a_curved_law_behind_kelvin_voigt_elements_is_diagnosed():
     """Its spring's strain is known only behind all that needs it; what acts elsewhere is weighed."""
     s = diagnose(concealed({"supply_saturation": {"V_max_V": 1000.0}}), "yeoh+gkv2", seed=1).summary
