@@ -16,6 +16,8 @@ from .problem import Kept, Problem
 from .whitening import Noise
 
 Array = NDArray[np.float64]
+#: lower and upper bounds (d,) of coordinates
+Box = tuple[Array, Array]
 _PRIOR_STEP = 1e-3
 #: share of the range of a flat prior by which coordinates keep off its ends
 MARGIN = 1e-6
@@ -149,10 +151,6 @@ class Effort:
     tolerance: float
     hopeless_above: float = math.inf
     coarse: bool = False
-
-
-#: lower and upper bounds (d,) of coordinates
-Box = tuple[Array, Array]
 
 
 def descend(

@@ -14,7 +14,6 @@ from .descent import (
     MARGIN,
     Box,
     Effort,
-    End,
     Linearisation,
     bounded_step,
     bounds,
@@ -154,20 +153,22 @@ def _searched(
     if ended is None:
         return None
     q, taken = ended.q, taken + ended.steps
+    state: State | None = None
     if fit_noise:
         noise = fit_noise_terms(problem, q, ended.clean, noise, prior)
-        if promised_at(problem, ended, noise, box) > _SETTLED:
+        gram, logdet = problem.sums(q, noise, ended.clean, ended.slopes)
+        if _newton(gram, ended.prior, q, box)[1] > _SETTLED:
             # a fit that is wrong by much lies elsewhere once the noise has grown
             there = Linearisation(q, ended.clean, ended.slopes, ended.exact)
             again = descended(problem, q, noise, box, effort, known=there)
             if again is None:
                 return None
             ended, q, taken = again, again.q, taken + again.steps
-    state: State
-    if ended.exact:
-        state = (*problem.sums(q, noise, ended.clean, ended.slopes), ended.clean, ended.slopes)
-    else:
-        state = problem.gram(q, noise, clean=ended.clean)
+        elif ended.exact:
+            state = gram, logdet, ended.clean, ended.slopes
+    if state is None and ended.exact:
+        state = ended.gram, ended.logdet, ended.clean, ended.slopes
+    state = state or problem.gram(q, noise, clean=ended.clean)
     return (q, noise, taken, state) if np.isfinite(state[0]).all() else None
 
 
@@ -195,22 +196,17 @@ def extrapolated(problem: Problem, fit: Fit, prior: NoisePrior) -> tuple[float, 
     promises (nats). Nothing is simulated."""
     gram, logdet = problem.sums(fit.q, fit.noise, fit.clean, fit.slopes)
     base, gradient, curvature = prior_derivatives(problem, fit.q)
-    H = gram[1:, 1:] + curvature
-    g = gradient - gram[0, 1:]
-    step = bounded_step(H, g, np.zeros_like(H), fit.q, *bounds(problem))
-    promised = -float(g @ step + 0.5 * step @ H @ step)
+    H, promised = _newton(gram, (base, gradient, curvature), fit.q, bounds(problem))
     objective = base + 0.5 * float(gram[0, 0]) + 0.5 * logdet + prior.minus_log(fit.noise) - promised
     return laplace(objective, 0.5 * (H + H.T)), promised
 
 
-def promised_at(problem: Problem, end: End, noise: Noise, box: Box) -> float:
-    """What a step from the end of a descent promises under other noise (nats)."""
-    _, gradient, curvature = end.prior
-    gram, _ = problem.sums(end.q, noise, end.clean, end.slopes)
-    H = gram[1:, 1:] + curvature
-    g = gradient - gram[0, 1:]
-    step = bounded_step(H, g, np.zeros_like(H), end.q, *box)
-    return -float(g @ step + 0.5 * step @ H @ step)
+def _newton(gram: Array, prior: tuple[float, Array, Array], q: Array, box: Box) -> tuple[Array, float]:
+    """Hessian (d, d) at q, and the nats that a step without damping promises. prior: see `prior_derivatives`."""
+    H = gram[1:, 1:] + prior[2]
+    g = prior[1] - gram[0, 1:]
+    step = bounded_step(H, g, np.zeros_like(H), q, *box)
+    return H, -float(g @ step + 0.5 * step @ H @ step)
 
 
 def fit_noise_terms(problem: Problem, q: Array, clean: list[Array], start: Noise, prior: NoisePrior) -> Noise:

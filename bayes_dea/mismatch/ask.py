@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,8 +27,10 @@ _COSTS = Costs(rest_s=600.0)
 _GAIN_SD, _SLACK_SHARE, _SLACK_STEP = 0.02, 0.02, 0.002
 #: nats from which on an experiment decides between two explanations (20 to 1), and below which it tells nothing
 _DECISIVE, _NOTHING = 3.0, 0.1
-#: step of a slope, in sds of the parameter
-_SHARE_OF_SD = 0.3
+#: step of a slope, in sds of the parameter, and the least variance that one may have
+_SHARE_OF_SD, _LEAST_VARIANCE = 0.3, 1e-18
+#: variance, in sds of before, that is none
+_NO_WIDTH = 1e-12
 #: scatter (m, N) of a reading of a channel that nothing was recorded of, where no sensor states its own
 _USUAL = {"displacement": 4.7e-6, "force": 0.005}
 
@@ -65,14 +66,14 @@ def answer(
     return (y, rows.readings) if np.isfinite(y).all() else None
 
 
-def stated(campaign: Campaign) -> dict[str, float]:
-    """Scatter (m, N) of a reading by the channel, as the sensors of a campaign state it."""
-    return {c: s.fluctuation for c, s in campaign.sensors.items() if s.fluctuation is not None}
+def stated_scatter(campaign: Campaign) -> dict[str, float]:
+    """Scatter (m, N) of a reading by the channel, as the sensors of a campaign state it, or else as usual."""
+    return {**_USUAL, **{c: s.fluctuation for c, s in campaign.sensors.items() if s.fluctuation is not None}}
 
 
 def weights(fit: Fit, p: Experiment, readings: Array, scatter: Mapping[str, float]) -> Array:
     """Square roots (m,) of the information of each row, by the noise of a fit; scatter: of what was not recorded."""
-    sigma = fit.noise.sigma.get(p.channel, {**_USUAL, **scatter}[p.channel])
+    sigma = fit.noise.sigma.get(p.channel, scatter[p.channel])
     rho = fit.noise.rho.get(p.channel, (0.0,))[0]
     return np.asarray(np.sqrt(readings) / (sigma * math.sqrt(max((1 + rho) / (1 - rho), 1e-3))), float)
 
@@ -91,8 +92,21 @@ def nuisance(fit: Fit, p: Experiment, actuator: Actuator, y: Array) -> list[Arra
     return columns
 
 
+def _slopes(fit: Fit, p: Experiment, actuator: Actuator, y: Array) -> Array:
+    """How an answer (m,) moves with each coordinate of the model (m, d); not at all where it has none beside it."""
+    out = np.zeros((y.size, fit.problem.model.dimension))
+    for i in range(out.shape[1]):
+        q = fit.q.copy()
+        h = _SHARE_OF_SD * math.sqrt(max(fit.covariance[i, i], _LEAST_VARIANCE))
+        q[i] += h
+        moved = answer(fit, p, actuator, q)
+        if moved is not None and moved[0].size == y.size:
+            out[:, i] = (moved[0] - y) / h
+    return out
+
+
 def separation(
-    a: Fit, b: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float] = MappingProxyType({})
+    a: Fit, b: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float] = _USUAL
 ) -> float:
     """Expected log evidence ratio in nats between two fits after the experiment, what both could refit taken out."""
     first, second = answer(a, p, actuator), answer(b, p, actuator)
@@ -102,17 +116,9 @@ def separation(
     d = y - second[0]
     w = weights(a, p, readings, scatter)
     beside = nuisance(b, p, actuator, second[0])
-    columns = [np.ones_like(y), *beside]
-    information = [0.0, *np.ones(len(beside))]
-    for i in range(b.problem.model.dimension):
-        q = b.q.copy()
-        h = _SHARE_OF_SD * math.sqrt(max(b.covariance[i, i], 1e-18))
-        q[i] += h
-        moved = answer(b, p, actuator, q)
-        if moved is not None and moved[0].size == y.size:
-            columns.append((moved[0] - second[0]) / h)
-            information.append(1.0 / max(b.covariance[i, i], 1e-18))
-    A = np.stack(columns, axis=1) * w[:, None]
+    known = 1.0 / np.maximum(np.diag(b.covariance)[: b.problem.model.dimension], _LEAST_VARIANCE)
+    information = [0.0, *np.ones(len(beside)), *known]
+    A = np.column_stack([np.ones_like(y), *beside, _slopes(b, p, actuator, second[0])]) * w[:, None]
     H = A.T @ A + np.diag(information)
     g = A.T @ (w * d)
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
@@ -121,7 +127,7 @@ def separation(
 
 
 def first_experiment(
-    base: Fit, actuator: Actuator, tell: Tell = silence, scatter: Mapping[str, float] = MappingProxyType({})
+    base: Fit, actuator: Actuator, tell: Tell = silence, scatter: Mapping[str, float] = _USUAL
 ) -> dict[str, Any]:
     """The experiment that teaches most of the model itself, an hour: for recordings that tell nothing yet.
 
@@ -157,19 +163,14 @@ def first_experiment(
             best = (rate, nats, p)
     if best is None:
         return {"why": "no experiment of the menu has an answer", "recording": {}}
-    rate, nats, p = best
-    return {
-        "why": f"the recordings at hand tell too little of the model itself: about {nats:.3g} nats expected",
-        "recording": p.stated,
-        "expected_information_nats": nats,
-        "cost_s": cost_s(p),
-        "nats_per_hour": rate,
-    }
+    _, nats, p = best
+    why = f"the recordings at hand tell too little of the model itself: about {nats:.3g} nats expected"
+    return _proposal(why, p, nats)
 
 
 def next_experiment(
     fits: list[Fit], names: list[str], actuator: Actuator, tell: Tell = silence,
-    scatter: Mapping[str, float] = MappingProxyType({}),
+    scatter: Mapping[str, float] = _USUAL,
 ) -> dict[str, Any]:
     """The experiment with the largest expected separation of the two likeliest explanations per hour."""
     if len(fits) < 2:
@@ -180,23 +181,17 @@ def next_experiment(
         tell(k, len(proposals), p.name)
         nats = separation(fits[0], fits[1], p, actuator, scatter)
         scored.append((nats * 3600.0 / cost_s(p), nats, p))
-    rate, nats, p = max(scored, key=lambda s: s[0])
+    _, nats, p = max(scored, key=lambda s: s[0])
     if nats < _NOTHING:
         return {"why": f"no experiment of the menu tells {names[0]} from {names[1]} (less than {_NOTHING:.1g} nats)",
                 "recording": {}, "expected_information_nats": nats}  # fmt: skip
     worth = "" if nats >= _DECISIVE else "; no experiment of the menu would be decisive"
-    return {
-        "why": f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}",
-        "recording": p.stated,
-        "expected_information_nats": nats,
-        "cost_s": cost_s(p),
-        "nats_per_hour": rate,
-    }
+    return _proposal(f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}", p, nats)
 
 
 def sharpening_experiment(
     fit: Fit, own: Sequence[int], actuator: Actuator, tell: Tell = silence,
-    scatter: Mapping[str, float] = MappingProxyType({}),
+    scatter: Mapping[str, float] = _USUAL,
 ) -> dict[str, Any]:
     """The experiment that teaches most of some parameters of a fit, an hour.
 
@@ -204,9 +199,12 @@ def sharpening_experiment(
     covariance's determinants, before and after (Lindley 1956, doi:10.1214/aoms/1177728069, for a linearised model);
     all other parameters, the sensor's gain and offset and the slack before contact are learned along.
     """
-    d = fit.problem.model.dimension
-    before = fit.covariance[:d, :d]
-    root = np.linalg.cholesky(before + 1e-12 * np.diag(np.diag(before)))
+    d, own = fit.problem.model.dimension, list(own)
+    # in sds; of directions that nothing is known of a covariance has no more than zero
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[:d], _LEAST_VARIANCE))
+    before = fit.covariance[:d, :d] / np.outer(sd, sd)
+    values, vectors = np.linalg.eigh(before)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     best: tuple[float, float, Experiment, Array] | None = None
     proposals = menu(actuator)
     for k, p in enumerate(proposals):
@@ -214,24 +212,18 @@ def sharpening_experiment(
         taught = _taught(fit, p, actuator, scatter)
         if taught is None:
             continue
-        after = root @ np.linalg.inv(np.eye(d) + root.T @ taught @ root) @ root.T
+        after = root @ np.linalg.inv(np.eye(d) + root.T @ (taught * np.outer(sd, sd)) @ root) @ root.T
         nats = 0.5 * (_log_det(before, own) - _log_det(after, own))
         rate = nats * 3600.0 / cost_s(p)
         if best is None or rate > best[0]:
-            best = rate, nats, p, np.sqrt(np.diag(after)[list(own)] / np.diag(before)[list(own)])
+            best = rate, nats, p, np.sqrt(np.diag(after)[own] / np.diag(before)[own])
     if best is None or best[1] < _NOTHING:
         why = f"no experiment of the menu sharpens what is known (less than {_NOTHING:.1g} nats)"
         return {"why": why, "recording": {}}
-    rate, nats, p, shares = best
+    _, nats, p, shares = best
     at = int(np.argmin(shares))
     name = fit.problem.model.priors.names[own[at]]
-    return {
-        "why": f"narrows the interval of {name} to {shares[at]:.2g} of its width",
-        "recording": p.stated,
-        "expected_information_nats": nats,
-        "cost_s": cost_s(p),
-        "nats_per_hour": rate,
-    }
+    return _proposal(f"narrows the interval of {name} to {shares[at]:.2g} of its width", p, nats)
 
 
 def _taught(fit: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float]) -> Array | None:
@@ -241,14 +233,7 @@ def _taught(fit: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, f
         return None
     y, readings = plain
     w = weights(fit, p, readings, scatter)
-    slopes = np.zeros((y.size, fit.problem.model.dimension))
-    for i in range(slopes.shape[1]):
-        q = fit.q.copy()
-        h = _SHARE_OF_SD * math.sqrt(max(fit.covariance[i, i], 1e-18))
-        q[i] += h
-        moved = answer(fit, p, actuator, q)
-        if moved is not None and moved[0].size == y.size:
-            slopes[:, i] = w * (moved[0] - y) / h
+    slopes = w[:, None] * _slopes(fit, p, actuator, y)
     beside = np.stack([np.ones_like(y), *nuisance(fit, p, actuator, y)], axis=1) * w[:, None]
     known = np.diag([0.0, *np.ones(beside.shape[1] - 1)])
     shared = beside.T @ slopes
@@ -256,4 +241,13 @@ def _taught(fit: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, f
 
 
 def _log_det(covariance: Array, own: Sequence[int]) -> float:
-    return float(np.linalg.slogdet(covariance[np.ix_(own, own)])[1])
+    """Log determinant of a block of a covariance in sds; directions without any count alike before and after."""
+    return float(np.linalg.slogdet(covariance[np.ix_(own, own)] + _NO_WIDTH * np.eye(len(own)))[1])
+
+
+def _proposal(why: str, p: Experiment, nats: float) -> dict[str, Any]:
+    """"next_experiment" of diagnosis.json."""
+    return {
+        "why": why, "recording": p.stated, "expected_information_nats": nats, "cost_s": cost_s(p),
+        "nats_per_hour": nats * 3600.0 / cost_s(p),
+    }  # fmt: skip

@@ -21,7 +21,7 @@ from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from . import second_look
-from .ask import first_experiment, next_experiment, sharpening_experiment, stated
+from .ask import first_experiment, next_experiment, sharpening_experiment, stated_scatter
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
@@ -185,7 +185,7 @@ def _once(
         )
     lap("prove")
     say("asking", 0, 1, "the next experiment")
-    ask = _ask(found, stated(ready.campaign), lambda *at: say("asking", *at))
+    ask = _ask(found, stated_scatter(ready.campaign), lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *found.notes()]
     foreign: list[Foreign] = []

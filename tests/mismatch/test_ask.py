@@ -114,3 +114,13 @@ def test_what_was_not_recorded_scatters_as_its_sensor_states():
     apart = [separation(softer, stiffer, PLATES, ACTUATOR, {"force": s}) for s in (0.005, 0.02)]
     assert apart[0] == pytest.approx(separation(softer, stiffer, PLATES, ACTUATOR))
     assert 1.0 < apart[1] < 0.2 * apart[0]
+
+
+def test_what_trades_without_end_is_sharpened_to_a_number(monkeypatch):
+    """A covariance of two parameters that stand for one has no determinant."""
+    known = fit("series_resistance", 0.05, R_s_ohm=3e5)
+    known.covariance[:2, :2] = 0.05**2
+    monkeypatch.setattr(ask, "menu", lambda actuator: [EDGES])
+    told = sharpening_experiment(known, range(known.q.size), ACTUATOR)
+    assert 1.0 < told["expected_information_nats"] < 100.0
+    assert 0.0 < float(told["why"].split(" to ")[1].split()[0]) < 1.0

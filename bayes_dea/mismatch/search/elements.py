@@ -18,7 +18,7 @@ from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model, build_model
 from ...priors import Prior
 from ..where.size import effect_size
-from .frame import Frame, near_by
+from .frame import Frame, trusted
 from .weigh import Weighed, excess
 
 #: counts to either side of the best that are tried, too, and how often the search goes on from there
@@ -88,7 +88,7 @@ def _nearer(fit: Fit, name: str, prior: NoisePrior) -> Fit | None:
     if not found:
         return None
     _, likeliest, move, clean = min(found, key=lambda f: f[0])
-    start = fit.q + near_by(move)
+    start = fit.q + trusted(move)
     # hardly another model: its sensitivities are nearly these
     near = Linearisation(fit.q, clean, fit.slopes, exact=False)
     return refit(likeliest, start, prior.start(), prior, coarse=True, known=near)

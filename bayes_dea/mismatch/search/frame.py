@@ -105,7 +105,7 @@ def whiten_one(piece: Piece, r: Array, fit: Fit) -> Array:
     return whiten_columns(piece, r[None], fit.noise)[0][0]
 
 
-def near_by(move: Array) -> Array:
+def trusted(move: Array) -> Array:
     """A linear move (d,), shortened to where it may still be trusted."""
     length = float(np.max(np.abs(move), initial=0.0))
     return move if length <= _FAR else move * (_FAR / length)

@@ -26,7 +26,7 @@ PART = 0.05
 
 
 def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
-    """The same with a mode that stands in for something else set idle: what that is, is missing from its fit.
+    """An explanation with the mode idle that stands in for something else, which can then be looked for beside it.
 
     None where there is no such mode, or a further one is among its effects (`second_thoughts` looks there).
     """

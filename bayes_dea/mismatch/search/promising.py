@@ -176,7 +176,7 @@ class _Refits:
                 taken = max(taken, s.base_objective - w.value)
                 if k == 0 and look is not None:
                     look(w.fit)
-            if w is None:
+            else:
                 highest = self.base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
                 w = Weighed(s.effects, self.base, min(s.log_evidence, highest), 0.5, 0.0)
             self._take(s, w)

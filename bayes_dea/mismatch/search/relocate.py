@@ -19,7 +19,7 @@ from ...gauss_newton.descent import approach, value_at
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
-from .frame import Frame, near_by
+from .frame import Frame, trusted
 
 Array = NDArray[np.float64]
 #: time constants tried, and moduli by the static one: weak and strong
@@ -45,7 +45,7 @@ def relocated(fit: Fit, prior: NoisePrior) -> Fit:
     for _ in range(_ROUNDS):
         ends = []
         enough = value_at(fit.problem, fit.q, prior.start())
-        starts = [q + near_by(move) for q, move in _starts(fit)]
+        starts = [q + trusted(move) for q, move in _starts(fit)]
         for start in [*starts, *_parted(fit)]:
             end = approach(fit.problem, start, prior.start(), hopeless_above=enough)
             if end is not None:

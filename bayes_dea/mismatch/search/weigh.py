@@ -22,7 +22,7 @@ from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
 from ...priors import Prior
 from ..where.size import effect_size
-from .frame import Frame, insert, near_by, own_index
+from .frame import Frame, insert, own_index, trusted
 from .grid import Scored, Screened, rings
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ def _shifts(point: Scored) -> list[Array | None]:
     """
     if point.frame.far:
         return [None]
-    shorter = near_by(point.move)
+    shorter = trusted(point.move)
     return [point.move, *([] if shorter is point.move else [shorter]), None]
 
 
