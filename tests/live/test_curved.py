@@ -131,7 +131,8 @@ def test_the_next_experiment_of_a_curved_model_is_chosen_too(followed):
     with threadpool_limits(1):
         choice = choose(one.snapshot(), limits_of_stream(ACTUATOR, 1200.0, RATE, 2.0), (), one.latest, 40.0, 1, 4)
     assert choice.nats > 0.05
-    assert np.array_equal(one.design.bank.W, before)  # looking ahead moves nothing
+    # looking ahead moves nothing; tables that a run has not filled hold what memory held, which may be no number
+    assert np.array_equal(one.design.bank.W, before, equal_nan=True)
 
 
 def test_more_than_this_is_refused_with_the_way_out():
