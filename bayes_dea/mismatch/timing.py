@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from .search.hypotheses import DELAY, NONE
 from .search.naming import Naming
-from .search.phase import delay_of, share_below
+from .search.phase import delay_of
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,12 @@ def as_timing(probability: dict[str, float], naming: Naming) -> Shift:
     delays: dict[str, float] = {}
     for name in list(p):
         parts = name.split("+")
-        if DELAY not in parts or name not in naming.weighed:
+        if name not in naming.timing:
             continue
-        fit = naming.weighed[name].fit
-        delay = delay_of(fit)
+        delay, below = delay_of(naming.weighed[name].fit), naming.timing[name]
         if delay is None:  # not refitted: it is far behind
             continue
         bare = "+".join(x for x in parts if x != DELAY) or NONE
-        below = share_below(fit)
         moved = p[name] * below
         if moved > p.get(bare, 0.0):
             delays[bare] = delay

@@ -118,7 +118,7 @@ def _as_before(naming: Naming) -> dict[str, float]:
     """Probabilities where what these recordings could not show at any strength is as probable as it was before."""
     odds = prior_odds()
     singles = [n for n in naming.weighed if "+" not in n]
-    p = {NONE: odds["none"], UNKNOWN: odds["unknown"], **{n: odds["single"] / len(singles) for n in singles}}
+    p = {NONE: odds.none, UNKNOWN: odds.unknown, **{n: odds.of(1, len(singles)) for n in singles}}
     for name in naming.visible:
         p[name] = naming.probability.get(name, 0.0)
     total = sum(p.values())

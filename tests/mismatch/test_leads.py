@@ -10,7 +10,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.gauss_newton.laws import VARIANTS
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.search.phase import delay_of, phase_odds, share_below
+from bayes_dea.mismatch.search.phase import below_a_sample, delay_of
 from bayes_dea.models.model import build_model
 from bayes_dea.models.supply_kernel import delayed
 from bayes_dea.priors import parse_override
@@ -76,5 +76,6 @@ def test_what_a_fit_leads_by_may_be_less_than_a_sample(lead_s, below):
     problem = SimpleNamespace(pieces=pieces, model=SimpleNamespace(priors=SimpleNamespace(free=free)))
     fit = SimpleNamespace(problem=problem, q=np.array([-lead_s]), covariance=np.diag([1e-5**2]))
     assert delay_of(fit) == -lead_s
-    assert share_below(fit) == pytest.approx(below)
-    assert phase_odds(fit) == pytest.approx(1.0)
+    found = below_a_sample(fit)
+    assert found.probability == pytest.approx(below)
+    assert found.even == pytest.approx(below * 0.02 / 2e-3)  # 20 ms of prior against one sample either way

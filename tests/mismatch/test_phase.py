@@ -8,7 +8,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from bayes_dea.mismatch.search.phase import delay_of, phase_odds, share_below
+from bayes_dea.mismatch.search.hypotheses import Odds, prior_odds
+from bayes_dea.mismatch.search.known import Known
+from bayes_dea.mismatch.search.phase import Below, below_a_sample, delay_of
 from bayes_dea.priors import Prior
 
 STEP, LEAST, MOST = 1e-3, 5e-6, 0.05
@@ -24,41 +26,72 @@ def late(delay, sd, prior=None):
 
 
 def by_hand(delay, sd):
-    """Evidence by the prior that is even below a sample, against the one that is log-uniform, and the part below."""
+    """Part below a sample by the log-uniform prior, and evidence by one that is even over a sample either way."""
     narrow = norm(math.log(delay), sd).pdf
-    below = math.log(STEP / LEAST)  # of the log-uniform prior's mass, over log(MOST / LEAST)
-    even = quad(lambda z: narrow(z) * below * math.exp(z) / STEP, math.log(delay) - 9 * sd, math.log(STEP))[0]
-    above = quad(narrow, math.log(STEP), math.log(delay) + 9 * sd)[0] if delay * math.exp(9 * sd) > STEP else 0.0
-    return even + above, even / (even + above)
+    ends = math.log(delay) - 9 * sd, min(math.log(STEP), math.log(delay) + 9 * sd)
+    if ends[1] <= ends[0]:
+        return 0.0, 0.0
+    wide = 1.0 / math.log(MOST / LEAST)  # density of the log-uniform prior; that of the even one is T / (2 step)
+    even = quad(lambda z: narrow(z) * math.exp(z) / (2 * STEP) / wide, *ends)[0]
+    return quad(narrow, *ends)[0], even
 
 
-@pytest.mark.parametrize("delay", [1e-5, 1e-4, 4e-4])
-def test_a_hundredth_of_a_sample_is_less_likely_than_a_half(delay):
-    odds, below = by_hand(delay, 0.03)
-    assert phase_odds(late(delay, 0.03)) == pytest.approx(odds, rel=0.01)
-    assert share_below(late(delay, 0.03)) == pytest.approx(below) == pytest.approx(1.0)
-
-
-def test_at_one_sample_both_sides_count():
-    odds, below = by_hand(STEP, 0.1)
-    assert phase_odds(late(STEP, 0.1)) == pytest.approx(odds, rel=0.15)  # the density is taken at the middle
-    assert share_below(late(STEP, 0.1)) == pytest.approx(below, abs=0.03)
-
-
-def test_above_a_sample_nothing_changes():
-    assert phase_odds(late(6e-3, 0.1)) == pytest.approx(1.0)
-    assert share_below(late(6e-3, 0.1)) == pytest.approx(0.0)
-    assert delay_of(late(6e-3, 0.1)) == pytest.approx(6e-3)
+@pytest.mark.parametrize(("delay", "sd"), [(1e-5, 0.03), (1e-4, 0.03), (4e-4, 0.5), (STEP, 0.1), (6e-3, 0.1)])
+def test_below_a_sample_any_part_of_it_is_as_likely(delay, sd):
+    below, even = by_hand(delay, sd)
+    found = below_a_sample(late(delay, sd))
+    assert (found.probability, found.even) == pytest.approx((below, even), rel=1e-6, abs=1e-12)
+    assert delay_of(late(delay, sd)) == pytest.approx(delay)
 
 
 def test_a_prior_of_the_users_own_stays():
-    own = Prior("lognormal", 1e-5, 0.5)
-    assert phase_odds(late(1e-5, 0.1, own)) == 1.0
-    assert share_below(late(1e-5, 0.1, own)) == pytest.approx(1.0)
+    for own in (Prior("lognormal", 1e-5, 0.5), Prior("loguniform", 1e-5, 5e-4)):
+        assert below_a_sample(late(1e-5, 0.1, own)) == Below(pytest.approx(1.0), None)
 
 
 def test_a_fit_without_a_delay_has_none():
     fit = late(1e-5, 0.1)
     fit.problem.model.priors.free.pop()
     assert delay_of(fit) is None
-    assert (phase_odds(fit), share_below(fit)) == (1.0, 0.0)
+    assert below_a_sample(fit) is None
+
+
+def known(odds):
+    """What is known before anything was weighed; 20 effects."""
+    return Known(None, 1e-7, odds, 20)
+
+
+def weighed(effects, fit, refitted=True):
+    return SimpleNamespace(name="+".join(effects), effects=effects, fit=fit, refitted=refitted)
+
+
+def test_a_shift_has_odds_of_its_own_beside_whatever_there_is():
+    odds, fit = prior_odds(), late(4e-4, 0.02)
+    even = below_a_sample(fit).even
+    for rest, plain in (((), odds.none), (("leakage",), odds.single / 20), (("a", "b"), odds.double / 20)):
+        w = weighed((*rest, "acquisition_delay"), fit)
+        assert known(odds).share(w) == pytest.approx(plain * odds.shifted / (1 - odds.shifted) * even)
+        assert known(odds).timing(w) == pytest.approx(1.0)
+
+
+def test_above_a_sample_a_delay_is_one_effect_like_another():
+    odds, fit = prior_odds(), late(6e-3, 0.1)
+    for rest, plain in (((), odds.single / 20), (("leakage",), odds.double / 20)):
+        w = weighed((*rest, "acquisition_delay"), fit)
+        assert known(odds).share(w) == pytest.approx(plain)
+        assert known(odds).timing(w) == pytest.approx(0.0, abs=1e-9)
+    assert known(odds).share(weighed(("acquisition_delay",), fit, refitted=False)) == pytest.approx(odds.single / 20)
+
+
+def test_at_one_sample_it_may_be_either():
+    odds, fit = prior_odds(), late(STEP, 0.05)
+    below, even = by_hand(STEP, 0.05)
+    physics, timing = odds.single / 20 * (1 - below), odds.none * odds.shift * even
+    w = weighed(("acquisition_delay",), fit)
+    assert known(odds).share(w) == pytest.approx(physics + timing)
+    assert known(odds).timing(w) == pytest.approx(timing / (physics + timing))
+
+
+def test_a_further_effect_is_as_likely_beside_two_as_beside_one():
+    odds = Odds(none=0.5, single=0.4, double=0.04, unknown=0.06, shifted=0.2)
+    assert [odds.of(n, 20) for n in range(4)] == pytest.approx([0.5, 0.02, 0.002, 0.0002])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from ...campaign.schema import Campaign
 from ...errors import InputError
@@ -17,11 +18,36 @@ NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_de
 _CANNOT = "cannot act on"
 
 
-def prior_odds() -> dict[str, float]:
-    """Prior odds of the kinds of hypotheses: none, unknown, one effect, two effects (shares of one)."""
+@dataclass(frozen=True)
+class Odds:
+    """Prior odds of kinds of hypotheses, as shares of one, of which one and two effects have theirs together.
+
+    shifted: probability that readings fall up to one sample off what the campaign says, whatever else there is.
+    """
+
+    none: float
+    single: float
+    double: float
+    unknown: float
+    shifted: float
+
+    def of(self, effects: int, candidates: int) -> float:
+        """Odds of one hypothesis of so many effects, each of which is one of so many candidates."""
+        if effects == 0:
+            return self.none
+        return self.single / max(candidates, 1) * (self.double / self.single) ** (effects - 1)
+
+    @property
+    def shift(self) -> float:
+        """Odds of what there is with a shift of less than a sample to the same without one."""
+        return self.shifted / (1.0 - self.shifted)
+
+
+def prior_odds() -> Odds:
+    """Prior odds of the kinds of hypotheses, from priors/diagnosis/hypotheses.toml."""
     with (prior_folder() / "diagnosis" / "hypotheses.toml").open("rb") as file:
         table = tomllib.load(file)
-    return {k: float(v) for k, v in table["prior_odds"].items()}
+    return Odds(**{k: float(v) for k, v in table["prior_odds"].items()}, shifted=float(table["timing"]["shifted"]))
 
 
 def candidates(

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
 from ..where.size import effect_size, size_elsewhere
-from .hypotheses import DELAY
+from .hypotheses import DELAY, Odds
 from .once import Once
-from .phase import phase_odds
+from .phase import below_a_sample
 from .stand_ins import with_true_modes
 from .weigh import Weighed
 
@@ -34,7 +34,7 @@ class Known:
 
     none: Weighed
     resolution_m: float
-    odds: Mapping[str, float]
+    odds: Odds
     singles: int
     elsewhere: Sequence[Piece] = ()
     weighed: dict[str, Weighed] = field(default_factory=dict)
@@ -72,9 +72,24 @@ class Known:
         return w.refitted and (self._large(w) or any(self._large(v) for v in self.poorer(w)))
 
     def share(self, w: Weighed) -> float:
-        """Prior odds of one hypothesis."""
-        plain = self.odds["single" if len(w.effects) == 1 else "double"] / self.singles
-        return plain * (phase_odds(w.fit) if DELAY in w.effects and w.refitted else 1.0)
+        """Prior odds of one hypothesis, by what its delay is after the recordings."""
+        return sum(self._shares(w))
+
+    def timing(self, w: Weighed) -> float:
+        """Probability that what a hypothesis has of a delay is a shift of less than one sample, which is no physics."""
+        physics, timing = self._shares(w)
+        return timing / (physics + timing)
+
+    def _shares(self, w: Weighed) -> tuple[float, float]:
+        """Prior odds of a hypothesis as physics, and as the same without its delay on a bench that reads off time."""
+        plain = self.odds.of(len(w.effects), self.singles)
+        found = below_a_sample(w.fit) if DELAY in w.effects and w.refitted else None
+        if found is None:
+            return plain, 0.0
+        if found.even is None:
+            return plain * (1.0 - found.probability), plain * found.probability
+        bare = self.odds.of(len(w.effects) - 1, self.singles)
+        return plain * (1.0 - found.probability), bare * self.odds.shift * found.even
 
     def weight(self, w: Weighed) -> float:
         """Log evidence and log prior."""

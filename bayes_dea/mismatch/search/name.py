@@ -170,7 +170,7 @@ class _Search:
 
         starts: where the base was fitted to parts of the recordings.
         """
-        ranked = sorted(self.known.counting, key=lambda w: -w.log_evidence)
+        ranked = sorted(self.known.counting, key=lambda w: -self.known.weight(w))
         if ranked and ranked[0].log_evidence > self.none.weighed.log_evidence - SLIGHT:
             self._tell(0, 6, ranked[0].name)
             self._look(ranked[0].fit)
@@ -208,7 +208,7 @@ class _Search:
         }
         return Naming(
             self.none, self.best, self.known.weighed, evidence, error, probability, log_p, skipped, labelled, visible,
-            self.put_off,
+            {w.name: self.known.timing(w) for w in self.known.counting if DELAY in w.effects}, self.put_off,
         )  # fmt: skip
 
     @property
@@ -263,8 +263,8 @@ class _Search:
         more = self._beside_what_is_enough(free) if enough_alone else self._beside_what_is_not()
         if not more:
             return False
-        top = max(more, key=lambda w: w.log_evidence)
-        if top.log_evidence < best.log_evidence + SLIGHT + math.log(self.odds["single"] / self.odds["double"]):
+        top = max(more, key=self.known.weight)
+        if self.known.weight(top) < self.known.weight(best) + SLIGHT:
             return False
         self._look(top.fit)
         left_over = excess(best.fit, prior)
@@ -335,4 +335,5 @@ def weigh_delay(
     weighed = refined(base, on_grids([Frame(replace(base, noise=prior.start()))], 1, quest), quest)
     if not weighed:
         return None
-    return weighed[DELAY].log_evidence + math.log(prior_odds()["single"] / max(len(names), 1))
+    none = Weighed((), base, base.log_evidence, 0.1, 0.0)
+    return Known(none, 0.0, prior_odds(), max(len(names), 1)).weight(weighed[DELAY])

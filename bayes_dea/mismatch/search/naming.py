@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from ...gauss_newton.refit import Fit
 from ..telling import Tell, silence
 from ..where.discrepancy import Discrepancy, discrepancy
 from ..where.locate import ADEQUATE, Places, Scan, scan
-from .hypotheses import NONE, UNKNOWN
+from .hypotheses import NONE, UNKNOWN, Odds
 from .known import Known
 from .places import with_free_places
 from .relabel import FURTHER
@@ -67,6 +67,7 @@ class Naming:
     skipped: dict[str, str] = field(default_factory=dict)
     labellings: dict[str, list[Fit]] = field(default_factory=dict)  # where modes may change places (`relabel`)
     visible: tuple[str, ...] = ()  # single effects that these recordings would show at some strength
+    timing: dict[str, float] = field(default_factory=dict)  # that a name's delay is below one sample, and no physics
     put_off: bool = False  # further effects promise something, and another reading more
 
 
@@ -103,7 +104,7 @@ def but_for_what_is_too_small(
 
 
 def log_probabilities(
-    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Mapping[str, float], noise: NoisePrior
+    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Odds, noise: NoisePrior
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Log evidence, its error, and log evidence with prior odds (not normalised), of every hypothesis by its name.
 
@@ -112,7 +113,7 @@ def log_probabilities(
     """
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
-    prior_of = {NONE: odds["none"], UNKNOWN: odds["unknown"]}
+    prior_of = {NONE: odds.none, UNKNOWN: odds.unknown}
     for w in known.counting:
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = known.share(w)

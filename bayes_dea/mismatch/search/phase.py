@@ -1,13 +1,14 @@
 """A delay below one sample is when in a sample its reading falls: any part of it is as likely as any other.
 
 The prior of a delay as physics is log-uniform: of what lies below one sample as much is between a hundredth and a
-fiftieth of it as between a third and two thirds. Clocks that are not synchronised know no such scale. It matters where
-a lag or a damper far faster than the sampling does what a hundredth of a sample does.
+fiftieth of it as between a third and two thirds. Clocks that are not synchronised know no such scale, and are ahead as
+often as behind. It matters where a lag or a damper far faster than the sampling does what a hundredth of a sample does.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from scipy.special import ndtr
 
@@ -15,6 +16,18 @@ from ...gauss_newton.refit import Fit
 from ...priors import Prior
 
 _PARAMETER = "T_d_s"
+
+
+@dataclass(frozen=True)
+class Below:
+    """What a fit says of its delay being shorter than one sample.
+
+    probability: of that, by the prior that was fitted. even: evidence by a prior that is even over one sample either
+    way, over the evidence by the one that was fitted; None where that is the user's own, which stays.
+    """
+
+    probability: float
+    even: float | None
 
 
 def sample_step_s(fit: Fit) -> float:
@@ -31,34 +44,24 @@ def delay_of(fit: Fit) -> float | None:
     return math.exp(centre) if prior.is_log else centre
 
 
-def phase_odds(fit: Fit) -> float:
-    """By how much a delay is likelier before the recordings are seen than its log-uniform prior has it.
-
-    One above a sample; where the fit has none, or with another prior than that, it is one, too.
-    """
-    below, odds = _below(fit)
-    return below * odds + 1.0 - below
-
-
-def share_below(fit: Fit) -> float:
-    """Probability that the delay of a fit, or what it leads by, is less than one sample."""
-    below, odds = _below(fit)
-    return min(1.0, below * odds / (below * odds + 1.0 - below))
-
-
-def _below(fit: Fit) -> tuple[float, float]:
-    """That probability by the prior that was fitted, and the odds of being there against it."""
+def below_a_sample(fit: Fit) -> Below | None:
+    """See `Below`; None of a fit without a delay, or without a sample that it could be below."""
     step, found = sample_step_s(fit), _delay(fit)
     if found is None or step <= 0.0:
-        return 0.0, 1.0
+        return None
     prior, centre, sd = found
-    if not prior.is_log:  # of a lead, or even by itself
-        return float(ndtr((step - abs(centre)) / max(sd, 1e-9 * step))), 1.0
-    below = float(ndtr((math.log(step) - centre) / max(sd, 1e-9)))
+    if not prior.is_log:
+        sd = max(sd, 1e-9 * step)
+        inside = float(ndtr((step - centre) / sd) - ndtr((-step - centre) / sd))
+        wide = prior.family == "uniform" and prior.b - prior.a > 2.0 * step
+        return Below(inside, inside * (prior.b - prior.a) / (2.0 * step) if wide else None)
+    sd = max(sd, 1e-9)
+    inside = float(ndtr((math.log(step) - centre) / sd))
     if prior.family != "loguniform" or not prior.a < step < prior.b:
-        return below, 1.0
-    # what the prior has between its least delay and one sample, spread evenly over the sample
-    return below, min(math.exp(centre) / step, 1.0) * math.log(step / prior.a)
+        return Below(inside, None)
+    # mean of the delay itself, which is log-normal, over what of it is below a sample
+    mean = math.exp(centre + 0.5 * sd**2) * float(ndtr((math.log(step) - centre) / sd - sd))
+    return Below(inside, mean * math.log(prior.b / prior.a) / (2.0 * step))
 
 
 def _delay(fit: Fit) -> tuple[Prior, float, float] | None:
