@@ -80,6 +80,10 @@ class Known:
         physics, timing = self._shares(w)
         return timing / (physics + timing)
 
+    def physics(self, w: Weighed) -> int:
+        """Number of effects of a hypothesis without a delay that is more likely a shift of less than one sample."""
+        return len(w.effects) - (DELAY in w.effects and self.timing(w) > 0.5)
+
     def _shares(self, w: Weighed) -> tuple[float, float]:
         """Prior odds of a hypothesis as physics, and as the same without its delay on a bench that reads off time."""
         plain = self.odds.of(len(w.effects), self.singles)

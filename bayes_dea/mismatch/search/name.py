@@ -258,7 +258,7 @@ class _Search:
             return False
         # what seems to be enough may be so with a mode that stands in for a second effect, or hide a weak one
         free = freed(best, prior) if enough_alone else None
-        if enough_alone and free is None and len(best.effects) > 1:
+        if enough_alone and free is None and self.known.physics(best) > 1:
             return False
         more = self._beside_what_is_enough(free) if enough_alone else self._beside_what_is_not()
         if not more:
@@ -283,7 +283,7 @@ class _Search:
         more = [replace(t, size_m=effect_size(best.fit, t.fit)) for t in more if t.fit is not start.fit]
         # one that adds nothing to what is enough without it is no rival of that
         more = self._taken([t for t in more if t.log_evidence > best.log_evidence])
-        if len(best.effects) == 1 and more:
+        if self.known.physics(best) < 2 and more:
             more += self._taken(
                 in_place_of_the_first(best, more, self.known.counting, self.quest, free is not None)
             )
@@ -292,7 +292,7 @@ class _Search:
     def _beside_what_is_not(self) -> list[Weighed]:
         """Further effects where the best leaves something; put off where another reading promises more."""
         start = self.best.weighed
-        first_of_all = len(start.effects) == 1
+        first_of_all, shifted = len(start.effects) == 1, self.known.physics(start) < len(start.effects)
         taken = self._otherwise(start.fit)
         promised = promised_beside(start, self.quest) if taken > 0.0 else 0.0
         if promised < _NEARLY * taken:
@@ -304,6 +304,8 @@ class _Search:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
             more += self._taken(swapped)
+        elif shifted and self.known.physics(start) == 1 and more:
+            more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
         return more
 
     def _taken(self, found: list[Weighed]) -> list[Weighed]:

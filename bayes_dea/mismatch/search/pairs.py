@@ -10,6 +10,7 @@ from ...gauss_newton.laws import COUNTED
 from ...gauss_newton.noise_prior import NoisePrior
 from ..where.size import effect_size
 from .beside import beside, puts_back, together, top_of
+from .hypotheses import DELAY
 from .promising import DEAR, FOUND, RIVALS
 from .quest import Quest
 from .relabel import FURTHER, with_stand_in_idle
@@ -95,14 +96,15 @@ def in_place_of_the_first(
 
     Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
     without its rivals. Where nothing helps beside the leading one (a mass with much damping does what two lags do), all
-    that may be is tried beside the next. pairs: `first` with each second effect; weighed: all that were weighed, single
-    ones among them; free: whether modes that stand in for a second effect are set free for it.
+    that may be is tried beside the next. Where readings are off time all of them are so: `first` and what takes its place
+    have a delay beside their effect then. pairs: `first` with each further effect; weighed: all that were weighed,
+    those of as many effects as `first` among them; free: whether modes that stand in for another effect are set free.
     """
     quest = quest.unasked()
     alike = [
         w for w in weighed
-        if len(w.effects) == 1 and w.effects != first.effects and w.refitted
-        and w.log_evidence > first.log_evidence - _ALIKE
+        if len(w.effects) == len(first.effects) and w.effects != first.effects and w.refitted
+        and (len(w.effects) == 1 or DELAY in w.effects) and w.log_evidence > first.log_evidence - _ALIKE
     ]
     alike = sorted(alike, key=lambda w: -w.log_evidence)[:PARTNERS]
     out: list[Weighed] = []
