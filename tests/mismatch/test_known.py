@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from bayes_dea.mismatch.search.hypotheses import Odds
 from bayes_dea.mismatch.search.known import Known
 
 
@@ -27,10 +28,11 @@ class Stub:
 
 
 NONE = Stub((), 0.0, 0.0)
+ODDS = Odds(none=0.4, single=0.4, double=0.1, unknown=0.1, shifted=0.2)
 
 
 def known(*weighed):
-    return Known(NONE, 1e-7, {"single": 0.4, "double": 0.1}, 20, (), {w.name: w for w in weighed})
+    return Known(NONE, 1e-7, ODDS, 20, (), {w.name: w for w in weighed})
 
 
 def test_a_grid_does_not_replace_what_was_found_from_elsewhere():
@@ -86,7 +88,7 @@ def test_a_size_on_recordings_that_were_not_fitted_is_simulated_once_for_each_fi
 
     monkeypatch.setattr("bayes_dea.mismatch.search.known.size_elsewhere", size)
     one, other = Stub(("leakage",), 100.0, 1e-8), Stub(("inertia",), 50.0, 1e-8)
-    k = Known(NONE, 1e-7, {}, 20, ("a piece",), {w.name: w for w in (one, other)})
+    k = Known(NONE, 1e-7, ODDS, 20, ("a piece",), {w.name: w for w in (one, other)})
     assert k.counting == [one, other]
     assert k.counting == [one, other]
     assert asked == [one.fit, other.fit]
@@ -109,7 +111,7 @@ def test_a_size_is_that_against_the_likeliest_that_is_simpler(monkeypatch):
     monkeypatch.setattr("bayes_dea.mismatch.search.known.with_true_modes", held)
     one, other = Stub(("leakage",), 50.0), Stub(("inertia",), 60.0)
     pair = Stub(("leakage", "inertia"), 100.0, size_m=0.0)
-    k = Known(NONE, 1e-7, {}, 20, (), {w.name: w for w in (one, pair)}, noise=object())
+    k = Known(NONE, 1e-7, ODDS, 20, (), {w.name: w for w in (one, pair)}, noise=object())
     assert not k.enough(pair)
     assert not k.enough(pair)
     k.take([other])
