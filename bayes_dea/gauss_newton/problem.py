@@ -28,6 +28,7 @@ from ..models.simulate_plant import simulate_nodes, simulate_plates
 from .journal import Journal, digest
 from .laws import log_share
 from .reduced import Piece, gain_groups
+from .spread import Spread
 from .whitening import Noise, Shared, whiten
 
 Array = NDArray[np.float64]
@@ -262,6 +263,8 @@ class Problem:
             reading = piece.reading(plant) if readings is None else readings[i]
             if only is not None and i not in only:
                 out.append((reading, np.empty(0)))
+            elif isinstance(reading, Spread):
+                out.append((reading, reading.output(plant)))
             elif isinstance(reading.where, Nodes):
                 out.append((reading, simulate_nodes(plant, reading.where, piece.past)))
             else:
@@ -287,7 +290,8 @@ class Problem:
         """Derivatives of `clean` by the model's coordinates and the zeros, per piece (d + nz, nb).
 
         base: `clean` at q; which: coordinates, among: pieces that they are worked out for; zero for others. Differences
-        are taken between predictions at few nodes (`rough_nodes`), whose own errors they hardly see.
+        are taken between predictions at few nodes (`rough_nodes`), whose own errors they hardly see; those that a
+        sensor shows at all (`spread`).
         """
         n = self.model.dimension + self.zero_mean.size
         chosen = range(n) if which is None else which
@@ -298,7 +302,10 @@ class Problem:
         # all from the same nodes, also where a small change would make another choice of them
         plants = self.plants(q)
         stay = {j: j not in self._cornered for j in chosen}
-        where = {s: self._rough_readings(plants, corners_stay=s) for s in set(stay.values())}
+        where = {
+            s: [p.change_reading(plant, s) for p, plant in zip(self.pieces, plants, strict=True)]
+            for s in set(stay.values())
+        }
         known = {s: self._at(q, readings, plants, base, everything) for s, readings in where.items()}
         for j in chosen:
             readings, here = where[stay[j]], known[stay[j]]

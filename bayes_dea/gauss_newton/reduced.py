@@ -28,6 +28,7 @@ from ..models.plant import Plant
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from .journal import digest
+from .spread import Spread, smooth_lines
 
 if TYPE_CHECKING:
     from ..campaign.schema import Recording
@@ -105,12 +106,39 @@ class Piece:
         gentle = plant.is_gentle(to_look) or (corners_stay and plant.corners_stay(to_look))
         return self.rough if self.rough is not None and gentle else self.reading(plant)
 
+    def change_reading(self, plant: Plant, corners_stay: bool = False) -> Reading:
+        """The nodes for sensitivities of a plant, whose sensor acts at all of them; corners_stay: see above."""
+        stack = plant.before_sensor
+        gentle = stack.is_gentle() or (corners_stay and stack.corners_stay())
+        fine = self.reading(plant)
+        if self.rough is None or not gentle:
+            return fine
+        if not plant.is_sensed:
+            return self.rough
+        onto = self._onto_few if fine is self.few else self._onto_every
+        return Spread(fine.where, fine.averaging, plant, _nodes_of(self.rough), onto, self.past)
+
+    @cached_property
+    def _onto_every(self) -> csr_matrix:
+        return smooth_lines(_nodes_of(self.rough), _nodes_of(self.every), self.recording.time_s)
+
+    @cached_property
+    def _onto_few(self) -> csr_matrix:
+        return smooth_lines(_nodes_of(self.rough), _nodes_of(self.few), self.recording.time_s)
+
     @property
     def every(self) -> Reading:
         """The nodes for any plant."""
         where = self.path if self.nodes is None else self.nodes
         assert where is not None
         return Reading(where, self.averaging)
+
+
+def _nodes_of(reading: Reading | None) -> Nodes:
+    """Where a voltage recording is read."""
+    assert reading is not None
+    assert isinstance(reading.where, Nodes)
+    return reading.where
 
 
 def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
+from .answers import Answers
 from .electrostatics import filled_input
 from .lags import even_step
 from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines
@@ -61,6 +62,11 @@ class Nodes:
     def is_rough(self) -> bool:
         """Whether they are few (`rough_nodes`)."""
         return self.corners is not None
+
+    @cached_property
+    def answers(self) -> Answers:
+        """The last displacements that plants had at them."""
+        return Answers()
 
     def durations(self) -> NDArray[np.float64]:
         """Time from the node before to each node (m,) s, zero for the first one; not to be written to."""

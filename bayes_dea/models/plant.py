@@ -37,6 +37,11 @@ _DAMPER = 0.01
 _AT_ONCE_S = 1e-9
 
 
+#: numbers of the sensor, its holder and the recorder
+_SENSED = ("alpha_T_m_per_K", "T_d_s", "tau_s_s", "q_2_per_m", "drift_m_per_s", "mains_m", "mains_phase_rad",
+           "mains_Hz", "y_max_m")
+
+
 @dataclass(frozen=True)
 class Plant:
     """The chain as numbers, in SI units; every effect is off by default.
@@ -122,6 +127,36 @@ class Plant:
         limits = min(self.V_max_V, self.y_max_m) < np.inf
         rings = self.f_1_Hz < _QUICK_HZ or (self.zeta * self.f_1_Hz < _QUIET_HZ)
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
+
+    @property
+    def before_sensor(self) -> Plant:
+        """The plant without what the sensor, its holder and the clock of the recorder add."""
+        return self if not self.is_sensed else replace(
+            self, T_d_s=0.0, tau_s_s=0.0, q_2_per_m=0.0, drift_m_per_s=0.0, mains_m=0.0, y_max_m=np.inf,
+            alpha_T_m_per_K=0.0,
+        )
+
+    @property
+    def is_sensed(self) -> bool:
+        """Whether something of the sensor, its holder or the clock of the recorder is added."""
+        added = self.T_d_s, self.tau_s_s, self.q_2_per_m, self.drift_m_per_s, self.mains_m, self.alpha_T_m_per_K
+        return any(added) or self.y_max_m < np.inf
+
+    @cached_property
+    def key(self) -> tuple[object, ...]:
+        """All that its displacement depends on before the sensor."""
+        out: list[object] = []
+        for f in fields(self):
+            if f.name not in _SENSED:
+                value = getattr(self, f.name)
+                if isinstance(value, np.ndarray):
+                    value = value.tobytes()
+                elif isinstance(value, tuple):
+                    value = tuple(a.tobytes() for a in value)
+                elif isinstance(value, list):
+                    value = tuple(value)
+                out.append(value)
+        return tuple(out)
 
     def is_gentle(self, to_look: bool = False) -> bool:
         """Whether few nodes (`rough_nodes`) know what a small change of it changes, to a few hundredths.

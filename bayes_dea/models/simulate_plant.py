@@ -28,19 +28,35 @@ def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDA
 
 
 def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
-    """Displacement (m,) in m at the nodes before any sensor."""
+    """Displacement (m,) in m at the nodes before any sensor, of the stack and of what holds the sensor."""
+    return held(plant, nodes, moved(plant, nodes, past))
+
+
+def moved(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
+    """Displacement (m,) in m of the stack at the nodes; not to be written to.
+
+    A plant that differs by its sensor alone from the last ones is not simulated again.
+    """
+    return nodes.answers(plant.key, past, lambda: _moved(plant, nodes, past))
+
+
+def _moved(plant: Plant, nodes: Nodes, past: Nodes | None) -> NDArray[np.float64]:
     if plant.stroke_m == 0.0:
         raise InputError(f"a voltage recording needs {', '.join(VOLTAGE_GEOMETRY)}; write them under [actuator] in "
                          "campaign.toml")
     steps = nodes.steps if past is None else nodes.steps_after(past)
     strain = _strain(plant, steps, whole=nodes.is_rough)
-    out = nodes.read(plant.stroke_m * strain)
-    if plant.alpha_T_m_per_K != 0.0:
-        if nodes.temperature_C is None:
-            raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
-                             "take the effect out of the model")
-        out -= plant.alpha_T_m_per_K * (nodes.temperature_C - nodes.temperature_C[0])
-    return out
+    return nodes.read(plant.stroke_m * strain)
+
+
+def held(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Displacement (m,) in m as a holder shows it that grows with temperature, of that of the stack y (m,)."""
+    if plant.alpha_T_m_per_K == 0.0:
+        return y
+    if nodes.temperature_C is None:
+        raise InputError("thermal_expansion needs a column temperature_C in every voltage recording; add it or "
+                         "take the effect out of the model")
+    return y - plant.alpha_T_m_per_K * (nodes.temperature_C - nodes.temperature_C[0])
 
 
 def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float64]:

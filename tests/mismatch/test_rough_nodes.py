@@ -8,9 +8,11 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton.problem import Problem
 from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.gauss_newton.spread import Spread
 from bayes_dea.likelihood.plant_group import smooth, straight
 from bayes_dea.mismatch.search.hypotheses import extended
 from bayes_dea.mismatch.search.nearby import Nearby
+from bayes_dea.models import simulate_plant
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.nodes import Nodes
 from bayes_dea.models.plant import plant_of
@@ -21,9 +23,11 @@ AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation
                "sensor_clipping")
 #: of these, beside what sensitivities are known at few nodes; beside what nothing is, on no grid either
 KNOWN_BESIDE, NOTHING_BESIDE = "supply_saturation", ("inertia", "mains_pickup", "sensor_clipping")
-#: relative error of sensitivities: that of a curve read through few nodes; a sensor's lag takes what lies between them
-#: as straight, and of a lag far below the sampling there is next to nothing to be known
-WRONG, COARSER = 0.03, {"sensor_lag": 0.06, "series_resistance": 0.06}
+#: of these, what a sensor does: it acts at all rows on what few nodes know of the stack
+SENSED = ("acquisition_delay", "mains_pickup", "sensor_clipping")
+#: relative error of sensitivities: that of a curve read through few nodes; of a lag far below the sampling there is
+#: next to nothing to be known
+WRONG, COARSER, SPREAD = 0.03, {"series_resistance": 0.06}, 0.003
 #: needs a column of its own
 TEMPERATURE = "thermal_expansion"
 GENTLE = [name for name, effect in registered_effects().items() if "voltage" in effect.acts_on
@@ -71,7 +75,8 @@ def plant_at(problem, q, piece):
 
 @pytest.mark.parametrize("name", AT_ALL_ROWS)
 def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name):
-    """What moves corners is known at all nodes; what is beside the end of the supply, and on a grid, by few."""
+    """What moves corners is known at all nodes; what is beside the end of the supply, and on a grid, by few; what a
+    sensor cuts off or shows late by few nodes of the stack."""
     problem, q = with_effect(campaign, name, np.random.default_rng(5))
     for p in problem.pieces:
         plant = plant_at(problem, q, p)
@@ -85,7 +90,60 @@ def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name
     for j, p in enumerate(problem.model.priors.free):
         wrong = np.sqrt(sum(np.sum((a[j] - b[j]) ** 2) for a, b in zip(rough, fine, strict=True)))
         size = np.sqrt(sum(np.sum(b[j] ** 2) for b in fine))
-        assert 0.0 < wrong <= WRONG * size if name == KNOWN_BESIDE and p.name not in own else wrong == 0.0, p.name
+        if p.name not in own and name in (KNOWN_BESIDE, *SENSED):
+            assert 0.0 < wrong <= (SPREAD if name in SENSED else WRONG) * size, p.name
+        else:
+            assert wrong == 0.0, p.name
+
+
+@pytest.mark.parametrize(("effects", "at"), [
+    (("leakage", "acquisition_delay"), {"R_s_ohm": 2e5, "R_leak_ohm": 1e9, "T_d_s": 3e-4}),
+    (("series_resistance", "sensor_lag"), {"R_s_ohm": 1e5, "tau_s_s": 5e-3}),
+    (("strain_stiffening", "sensor_clipping"), {"beta": 50.0, "y_max_m": 1.5e-4}),
+])
+def test_beside_a_sensor_the_stack_is_worked_out_at_few_nodes(campaign, effects, at):
+    """And all sensitivities are those at all nodes, as nearly as without a sensor."""
+    before, _, known = campaign
+    model = extended(before.model, effects, {})
+    where = {**dict(zip(before.model.priors.names, known, strict=False)),
+             **{p.name: p.prior.to_coordinate(at[p.name]) for p in model.priors.free if p.name in at}}
+    problem = before.with_model(model)
+    q = np.concatenate([[where[n] for n in model.priors.names], known[before.model.dimension :]])
+    asked = []
+    clean = problem.clean(q)
+    for p in problem.pieces:
+        reading = p.change_reading(plant_at(problem, q, p))
+        assert isinstance(reading, Spread)
+        asked.append(reading.few.size / reading.where.size)
+        # where it is known it is what it is known to be
+        np.testing.assert_array_equal(reading.means(reading.output(reading.plant)), clean[problem.pieces.index(p)])
+    assert np.mean(asked) < 0.3
+    few, all_ = problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean)
+    for j in range(len(few[0])):
+        wrong = np.sqrt(sum(np.sum((a[j] - b[j]) ** 2) for a, b in zip(few, all_, strict=True)))
+        size = np.sqrt(sum(np.sum(b[j] ** 2) for b in all_))
+        assert wrong <= WRONG * size, problem.names[j]
+
+
+def test_a_plant_that_differs_by_its_sensor_alone_is_not_simulated_again(campaign, monkeypatch):
+    problem, q = with_effect(campaign, "strain_stiffening", np.random.default_rng(5))
+    piece = problem.pieces[0]
+    plant, nodes = plant_at(problem, q, piece), piece.nodes
+    runs = []
+    strain = simulate_plant._strain
+    monkeypatch.setattr(simulate_plant, "_strain", lambda *a, **k: runs.append(1) or strain(*a, **k))
+    first = simulate_plant.simulate_nodes(plant, nodes)
+    before = len(runs)
+    for sensor in ({"T_d_s": 3e-4}, {"tau_s_s": 2e-3}, {"q_2_per_m": 50.0}, {"y_max_m": 1e-4}, {"drift_m_per_s": 1e-9}):
+        late = simulate_plant.simulate_nodes(replace(plant, **sensor), nodes)
+        assert np.abs(late - first).max() > 1e-9
+    np.testing.assert_array_equal(simulate_plant.simulate_nodes(plant, nodes), first)
+    assert len(runs) == before
+    stiffer = replace(plant, beta=2.0 * plant.beta)
+    assert np.abs(simulate_plant.simulate_nodes(stiffer, nodes) - first).max() > 1e-9
+    # nor is what came before it another one
+    assert simulate_plant.simulate_nodes(plant, nodes, piece.nodes).shape == first.shape
+    assert len(runs) == before + 2
 
 
 def test_a_delay_that_few_nodes_would_miss_is_worked_out_at_all(campaign):

@@ -1,0 +1,51 @@
+"""A plant with a sensor a little off another one: what the stack changes by at few nodes, what the sensor shows at all.
+
+Few nodes (`rough_nodes`) know what a change of parameters changes in a displacement that is smooth between the corners
+of its command. A delay, a lag or the end of a sensor's range has corners elsewhere: it acts on the displacement at all
+nodes, that of the known plant and the change spread onto them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ..likelihood.plant_group import Reading, smooth
+from ..models.nodes import Nodes
+from ..models.plant import Plant
+from ..models.simulate_plant import held, moved, sensed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread(Reading):
+    """The nodes of a plant that is known, beside which others are read.
+
+    few: nodes at which changes are worked out; onto (m, nodes of few): their smooth lines at all nodes; past: whose
+    memory the recording inherits.
+    """
+
+    plant: Plant
+    few: Nodes
+    onto: csr_matrix = field(repr=False)
+    past: Nodes | None
+
+    def output(self, plant: Plant) -> Array:
+        """Displacement (m,) in m at all nodes of a plant near the known one, by its own sensor."""
+        where = self.where
+        assert isinstance(where, Nodes)
+        y = moved(self.plant, where, self.past)
+        if plant.key != self.plant.key:
+            y = y + self.onto @ (moved(plant, self.few, self.past) - moved(self.plant, self.few, self.past))
+        return sensed(plant, where, held(plant, where, y))
+
+
+def smooth_lines(few: Nodes, where: Nodes, time_s: Array) -> csr_matrix:
+    """Matrix (m, nodes of few) that reads values at few nodes as smooth at others (m) of the same recording."""
+    at, weights = smooth(few, time_s, where.row)
+    places = np.tile(np.arange(where.size), len(at)), at.ravel()
+    return csr_matrix((weights.ravel(), places), shape=(where.size, few.size))
