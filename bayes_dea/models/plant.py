@@ -31,6 +31,9 @@ FRICTION_ELEMENTS = 64
 _QUICK_HZ, _QUIET_HZ = 100.0, 5.0
 #: delay (s) after a change of the command within which few nodes are close to each other
 _SOON_S = 0.01
+#: damping ratio from which on a mass hardly swings back: few nodes know what a change of the rest changes to a few
+#: hundredths; of one that rings they miss a tenth
+_DAMPED = 0.8
 #: part of a damper's lag within which a branch relaxes that passes for a damper between plates
 _DAMPER = 0.01
 #: time constant of a branch that is a damper beside a mass: far below any step between rows
@@ -174,14 +177,15 @@ class Plant:
     def corners_stay(self, to_look: bool = False) -> bool:
         """Whether few nodes know what a change does to it that moves no corner of its answer (`Effect.moves_corners`).
 
-        Not where something rings, or is cut off and shows nothing of a change, nor where the answer comes so late that
-        few nodes are where it does, or before the command. But for a grid (to_look), where a tenth will do, of what has
+        Not where something rings on, or is cut off and shows nothing of a change, nor where the answer comes so late
+        that few nodes are where it does, or before the command. But for a grid (to_look), where a tenth will do, of what has
         corners only where the supply ends: elsewhere parameters undo each other's changes nearly, and what is left of
         these, the way along a valley, is lost between sensitivities of few nodes and of all.
         """
-        if self.f_1_Hz < np.inf or self.y_max_m < np.inf or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
+        rings = self.f_1_Hz < np.inf and self.zeta < _DAMPED
+        if rings or self.y_max_m < np.inf or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
             return False
-        return to_look or replace(self, V_max_V=np.inf).is_gentle()
+        return to_look or replace(self, V_max_V=np.inf, f_1_Hz=np.inf).is_gentle()
 
     @property
     def _mass(self) -> float:
