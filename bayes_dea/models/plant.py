@@ -178,9 +178,9 @@ class Plant:
         """Whether few nodes know what a change does to it that moves no corner of its answer (`Effect.moves_corners`).
 
         Not where something rings on, or is cut off and shows nothing of a change, nor where the answer comes so late
-        that few nodes are where it does, or before the command. But for a grid (to_look), where a tenth will do, of what has
-        corners only where the supply ends: elsewhere parameters undo each other's changes nearly, and what is left of
-        these, the way along a valley, is lost between sensitivities of few nodes and of all.
+        that few nodes are where it does, or before the command. But for a grid (to_look), where a tenth will do, of
+        what has corners only where the supply ends: elsewhere parameters undo each other's changes nearly, and what is
+        left of these, the way along a valley, is lost between sensitivities of few nodes and of all.
         """
         rings = self.f_1_Hz < np.inf and self.zeta < _DAMPED
         if rings or self.y_max_m < np.inf or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
