@@ -24,11 +24,14 @@ def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDA
     past: what the actuator went through before the first node (see `nodes.past_nodes`); rested where None. nan from
     where there is no balance of forces. Raises InputError where the geometry or a column is missing.
     """
-    return sensed(plant, nodes, displacement(plant, nodes, past))
+    y = displacement(plant, nodes, past)
+    out = sensed(plant, nodes, y)
+    return y.copy() if out is y else out  # what is remembered is not given away
 
 
 def displacement(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
-    """Displacement (m,) in m at the nodes before any sensor, of the stack and of what holds the sensor."""
+    """Displacement (m,) in m at the nodes before any sensor, of the stack and of what holds the sensor; not to be
+    written to."""
     return held(plant, nodes, moved(plant, nodes, past))
 
 
