@@ -216,20 +216,18 @@ class Problem:
         return [reading.means(x) if x.size else x for reading, x in self._outputs(q, only, readings, plants)]
 
     def roughly(
-        self, q: Array, only: Sequence[int] | None = None, to_look: bool = False, corners_stay: bool = False
+        self, q: Array, known: Sequence[Plant], only: Sequence[int] | None = None, to_look: bool = False,
+        corners_stay: bool = False,
     ) -> list[tuple[Reading, Array]]:
-        """`clean` at few nodes where the model is gentle: what a small change of q changes may be taken from it.
+        """`clean` at few nodes where the model is gentle: what changes from known plants may be taken from it.
 
         Returns where each piece was worked out, and its block means. to_look: on a grid; corners_stay: of the answer.
         """
         plants = self.plants(q)
-        outputs = self._outputs(q, only, self._rough_readings(plants, to_look, corners_stay), plants)
+        both = zip(self.pieces, plants, known, strict=True)
+        readings = [p.nearby_reading(plant, near, to_look, corners_stay) for p, plant, near in both]
+        outputs = self._outputs(q, only, readings, plants)
         return [(reading, reading.means(x) if x.size else x) for reading, x in outputs]
-
-    def _rough_readings(
-        self, plants: Sequence[Plant], to_look: bool = False, corners_stay: bool = False
-    ) -> list[Reading]:
-        return [p.rough_reading(plant, to_look, corners_stay) for p, plant in zip(self.pieces, plants, strict=True)]
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
@@ -303,7 +301,7 @@ class Problem:
         plants = self.plants(q)
         stay = {j: j not in self._cornered for j in chosen}
         where = {
-            s: [p.change_reading(plant, s) for p, plant in zip(self.pieces, plants, strict=True)]
+            s: [p.nearby_reading(plant, plant, corners_stay=s) for p, plant in zip(self.pieces, plants, strict=True)]
             for s in set(stay.values())
         }
         known = {s: self._at(q, readings, plants, base, everything) for s, readings in where.items()}

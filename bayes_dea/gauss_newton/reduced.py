@@ -100,23 +100,22 @@ class Piece:
             return self.few
         return self.every
 
-    def rough_reading(self, plant: Plant, to_look: bool = False, corners_stay: bool = False) -> Reading:
-        """The nodes for what a change of its parameters changes; to_look: on a grid; corners_stay: those of the answer
-        are where they were."""
-        gentle = plant.is_gentle(to_look) or (corners_stay and plant.corners_stay(to_look))
-        return self.rough if self.rough is not None and gentle else self.reading(plant)
+    def nearby_reading(
+        self, plant: Plant, known: Plant, to_look: bool = False, corners_stay: bool = False
+    ) -> Reading:
+        """The nodes for what changes from a plant that is known to another one.
 
-    def change_reading(self, plant: Plant, corners_stay: bool = False) -> Reading:
-        """The nodes for sensitivities of a plant, whose sensor acts at all of them; corners_stay: see above."""
-        stack = plant.before_sensor
-        gentle = stack.is_gentle() or (corners_stay and stack.corners_stay())
-        fine = self.reading(plant)
+        Few where the stack is gentle (`Plant.is_gentle`); a sensor acts at all of them (`spread`). to_look: on a grid;
+        corners_stay: those of the answer are where they were (`Plant.corners_stay`).
+        """
+        stack, fine = plant.before_sensor, self.reading(plant)
+        gentle = stack.is_gentle(to_look) or (corners_stay and stack.corners_stay(to_look))
         if self.rough is None or not gentle:
             return fine
-        if not plant.is_sensed:
+        if not (plant.is_sensed or known.is_sensed):
             return self.rough
         onto = self._onto_few if fine is self.few else self._onto_every
-        return Spread(fine.where, fine.averaging, plant, _nodes_of(self.rough), onto, self.past)
+        return Spread(fine.where, fine.averaging, known, _nodes_of(self.rough), onto, self.past)
 
     @cached_property
     def _onto_every(self) -> csr_matrix:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.laws import VARIANTS
 from bayes_dea.gauss_newton.problem import Problem
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.gauss_newton.spread import Spread
@@ -22,7 +23,7 @@ AT_ALL_ROWS = ("supply_current_limit", "one_quadrant_supply", "supply_saturation
                "mullins_softening", "rate_independent_hysteresis", "acquisition_delay", "mains_pickup",
                "sensor_clipping")
 #: of these, beside what sensitivities are known at few nodes; beside what nothing is, on no grid either
-KNOWN_BESIDE, NOTHING_BESIDE = "supply_saturation", ("inertia", "mains_pickup", "sensor_clipping")
+KNOWN_BESIDE, NOTHING_BESIDE = "supply_saturation", ("inertia",)
 #: of these, what a sensor does: it acts at all rows on what few nodes know of the stack
 SENSED = ("acquisition_delay", "mains_pickup", "sensor_clipping")
 #: relative error of sensitivities: that of a curve read through few nodes; of a lag far below the sampling there is
@@ -57,7 +58,9 @@ def without_rough(problem: Problem) -> Problem:
 def test_sensitivities_by_few_nodes_are_those_by_many(campaign, name):
     problem, q = with_effect(campaign, name, np.random.default_rng(5))
     voltage = [(p, plant_at(problem, q, p)) for p in problem.pieces if p.nodes is not None]
-    assert all(p.rough_reading(plant) is p.rough for p, plant in voltage)
+    used = [p.nearby_reading(plant, plant) for p, plant in voltage]
+    assert all(isinstance(r, Spread) if plant.is_sensed else r is p.rough
+               for r, (p, plant) in zip(used, voltage, strict=True))
     few = sum(p.rough.where.size for p, _ in voltage)
     assert few < 0.4 * sum(p.reading(plant).where.size for p, plant in voltage)
     clean = problem.clean(q)
@@ -80,9 +83,13 @@ def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name
     problem, q = with_effect(campaign, name, np.random.default_rng(5))
     for p in problem.pieces:
         plant = plant_at(problem, q, p)
-        assert p.rough_reading(plant) is not p.rough
-        assert (p.rough_reading(plant, corners_stay=True) is p.rough) == (name == KNOWN_BESIDE)
-        assert (p.rough_reading(plant, to_look=True, corners_stay=True) is p.rough) == (name not in NOTHING_BESIDE)
+        if name in SENSED:
+            assert isinstance(p.nearby_reading(plant, plant), Spread)
+            continue
+        assert p.nearby_reading(plant, plant) is not p.rough
+        assert (p.nearby_reading(plant, plant, corners_stay=True) is p.rough) == (name == KNOWN_BESIDE)
+        looked = p.nearby_reading(plant, plant, to_look=True, corners_stay=True)
+        assert (looked is p.rough) == (name not in NOTHING_BESIDE)
     assert not plant_at(*with_effect(campaign, TEMPERATURE, np.random.default_rng(5)), problem.pieces[0]).is_gentle()
     clean = problem.clean(q)
     rough, fine = problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean)
@@ -112,7 +119,8 @@ def test_beside_a_sensor_the_stack_is_worked_out_at_few_nodes(campaign, effects,
     asked = []
     clean = problem.clean(q)
     for p in problem.pieces:
-        reading = p.change_reading(plant_at(problem, q, p))
+        plant = plant_at(problem, q, p)
+        reading = p.nearby_reading(plant, plant)
         assert isinstance(reading, Spread)
         asked.append(reading.few.size / reading.where.size)
         # where it is known it is what it is known to be
@@ -148,14 +156,21 @@ def test_a_plant_that_differs_by_its_sensor_alone_is_not_simulated_again(campaig
     assert len(runs) == before + 2
 
 
-def test_a_delay_that_few_nodes_would_miss_is_worked_out_at_all(campaign):
-    problem, q = with_effect(campaign, "acquisition_delay", np.random.default_rng(5))
-    at = problem.model.priors.names.index("T_d_s")
-    for delay_s, few in ((2e-3, True), (30e-3, False)):
-        q[at] = np.log(delay_s)
-        piece = problem.pieces[0]
-        few_are = piece.rough_reading(plant_at(problem, q, piece), to_look=True, corners_stay=True) is piece.rough
-        assert few_are == few
+@pytest.mark.parametrize("delay_s", [-4e-4, 2e-3, 30e-3])
+def test_predictions_beside_a_delay_are_those_at_all_nodes(campaign, delay_s):
+    """Late, at once or ahead: it is read off all nodes, and what a further effect changes is worked out at few."""
+    problem, prior, q = campaign
+    law = VARIANTS["acquisition_delay"] if delay_s < 0 else {}
+    model = extended(problem.model, ["acquisition_delay"], law)
+    names = list(model.priors.names)
+    T_d = model.priors.free[names.index("T_d_s")].prior.to_coordinate(delay_s)
+    late = problem.with_model(model)
+    fit = refit(late, np.insert(q, names.index("T_d_s"), T_d), prior.start(), prior, max_steps=0, fit_noise=False)
+    other = problem.with_model(extended(problem.model, ["stretch_dependent_permittivity", "acquisition_delay"], law))
+    there = np.insert(fit.q, other.model.priors.names.index("c_eps"), -1.5)
+    nearby = Nearby(fit)
+    for a, b, c in zip(nearby.clean(other, there), other.clean(there), fit.clean, strict=True):
+        assert 0.0 < np.sqrt(np.mean((a - b) ** 2)) <= 0.005 * np.sqrt(np.mean((b - c) ** 2))
 
 
 @pytest.mark.parametrize(("damping", "few"), [(0.5, False), (0.9, True)])
@@ -170,8 +185,9 @@ def test_what_changes_beside_a_mass_that_hardly_swings_is_worked_out_at_few_node
     problem = before.with_model(model)
     q = np.concatenate([[where[n] for n in model.priors.names], known[before.model.dimension :]])
     for p in problem.pieces:
-        assert (p.change_reading(plant_at(problem, q, p), True) is p.rough) == few
-        assert p.change_reading(plant_at(problem, q, p)) is not p.rough
+        plant = plant_at(problem, q, p)
+        assert (p.nearby_reading(plant, plant, corners_stay=True) is p.rough) == few
+        assert p.nearby_reading(plant, plant) is not p.rough
     clean = problem.clean(q)
     some, every = problem.jacobian(q, clean), without_rough(problem).jacobian(q, clean)
     for j, name in enumerate(problem.names[: len(some[0])]):

@@ -2,7 +2,8 @@
 known.
 
 Few nodes miss a change by thousandths of it, at worst by a few hundredths (a tenth on a grid): nothing beside a fit,
-where hardly anything changes, and little as far from it as a search looks around.
+where hardly anything changes, and little as far from it as a search looks around. What a sensor makes of it is worked
+out at all nodes (`spread`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.refit import Fit
+from ...models.plant import Plant
 
 Array = NDArray[np.float64]
 
@@ -25,6 +27,11 @@ class Nearby:
     def __init__(self, fit: Fit) -> None:
         """fit: whose predictions are known."""
         self.fit = fit
+
+    @cached_property
+    def _plants(self) -> list[Plant]:
+        """The fit's own, by piece."""
+        return self.fit.problem.plants(self.fit.q)
 
     @cached_property
     def _rough(self) -> list[Array]:
@@ -42,7 +49,7 @@ class Nearby:
         A model that is not gentle (`Plant.is_gentle`) is worked out at all its nodes; to_look: on a grid; corners_stay:
         it has those of the fit (`Plant.corners_stay`).
         """
-        found = zip(problem.pieces, problem.roughly(q, only, to_look, corners_stay), strict=True)
+        found = zip(problem.pieces, problem.roughly(q, self._plants, only, to_look, corners_stay), strict=True)
         return [
             self.fit.clean[i] + (x - self._rough[i]) if x.size and reading is piece.rough else x
             for i, (piece, (reading, x)) in enumerate(found)
