@@ -105,15 +105,17 @@ class Piece:
     ) -> Reading:
         """The nodes for what changes from a plant that is known to another one.
 
-        Few where the stack is gentle (`Plant.is_gentle`); a sensor acts at all of them (`spread`). to_look: on a grid;
-        corners_stay: those of the answer are where they were (`Plant.corners_stay`).
+        Few where the stack is gentle (`Plant.is_gentle`); a sensor acts at all of them (`spread`). to_look: on a grid,
+        where few are enough for a gentle sensor, too; corners_stay: those of the answer are where they were
+        (`Plant.corners_stay`).
         """
-        stack, fine = plant.before_sensor, self.reading(plant)
-        gentle = stack.is_gentle(to_look) or (corners_stay and stack.corners_stay(to_look))
-        if self.rough is None or not gentle:
+        fine = self.reading(plant)
+        if self.rough is None:
             return fine
-        if not (plant.is_sensed or known.is_sensed):
+        if (to_look or not (plant.is_sensed or known.is_sensed)) and _gentle(plant, to_look, corners_stay):
             return self.rough
+        if not _gentle(plant.before_sensor, to_look, corners_stay):
+            return fine
         onto = self._onto_few if fine is self.few else self._onto_every
         return Spread(fine.where, fine.averaging, known, _nodes_of(self.rough), onto, self.past)
 
@@ -131,6 +133,11 @@ class Piece:
         where = self.path if self.nodes is None else self.nodes
         assert where is not None
         return Reading(where, self.averaging)
+
+
+def _gentle(plant: Plant, to_look: bool, corners_stay: bool) -> bool:
+    """Whether few nodes know what changes."""
+    return plant.is_gentle(to_look) or (corners_stay and plant.corners_stay(to_look))
 
 
 def _nodes_of(reading: Reading | None) -> Nodes:
