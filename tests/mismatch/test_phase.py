@@ -36,12 +36,18 @@ def by_hand(delay, sd):
     return quad(narrow, *ends)[0], even
 
 
-@pytest.mark.parametrize(("delay", "sd"), [(1e-5, 0.03), (1e-4, 0.03), (4e-4, 0.5), (STEP, 0.1), (6e-3, 0.1)])
+@pytest.mark.parametrize(("delay", "sd"), [(1e-5, 0.03), (1e-4, 0.03), (4e-4, 0.5), (STEP, 0.1), (6e-3, 0.1), (2e-4, 5)])
 def test_below_a_sample_any_part_of_it_is_as_likely(delay, sd):
     below, even = by_hand(delay, sd)
     found = below_a_sample(late(delay, sd))
     assert (found.probability, found.even) == pytest.approx((below, even), rel=1e-6, abs=1e-12)
     assert delay_of(late(delay, sd)) == pytest.approx(delay)
+
+
+def test_a_delay_of_which_nothing_is_known_is_below_a_sample_or_not():
+    found = below_a_sample(late(3e-4, 60.0))
+    assert 0.4 < found.probability < 0.6
+    assert 0.0 <= found.even <= found.probability * math.log(MOST / LEAST) / 2
 
 
 def test_a_prior_of_the_users_own_stays():

@@ -96,7 +96,7 @@ def in_place_of_the_first(
 
     Of two effects that nothing tells apart alone one leads by chance; a pair found beside it would otherwise stand
     without its rivals. Where nothing helps beside the leading one (a mass with much damping does what two lags do), all
-    all that may be is tried beside the next. Where readings are off time all of them are so: `first` and what takes its
+    that may be is tried beside the next. Where readings are off time all of them are so: `first` and what takes its
     place have a delay beside their effect then. pairs: `first` with each further effect; weighed: all that were
     weighed, those of as many effects as `first` among them; free: whether modes that stand in for another effect are
     set free.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.special import ndtr
+from scipy.special import log_ndtr, ndtr
 
 from ...gauss_newton.refit import Fit
 from ...priors import Prior
@@ -59,8 +59,9 @@ def below_a_sample(fit: Fit) -> Below | None:
     inside = float(ndtr((math.log(step) - centre) / sd))
     if prior.family != "loguniform" or not prior.a < step < prior.b:
         return Below(inside, None)
-    # mean of the delay itself, which is log-normal, over what of it is below a sample
-    mean = math.exp(centre + 0.5 * sd**2) * float(ndtr((math.log(step) - centre) / sd - sd))
+    # mean of the delay itself, which is log-normal, over what of it is below a sample: no more than a sample
+    log_mean = centre + 0.5 * sd**2 + float(log_ndtr((math.log(step) - centre) / sd - sd))
+    mean = min(math.exp(min(log_mean, math.log(step))), step * inside)
     return Below(inside, mean * math.log(prior.b / prior.a) / (2.0 * step))
 
 
