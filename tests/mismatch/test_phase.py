@@ -36,7 +36,9 @@ def by_hand(delay, sd):
     return quad(narrow, *ends)[0], even
 
 
-@pytest.mark.parametrize(("delay", "sd"), [(1e-5, 0.03), (1e-4, 0.03), (4e-4, 0.5), (STEP, 0.1), (6e-3, 0.1), (2e-4, 5)])
+@pytest.mark.parametrize(("delay", "sd"), [
+    (1e-5, 0.03), (1e-4, 0.03), (4e-4, 0.5), (STEP, 0.1), (6e-3, 0.1), (2e-4, 5.0),
+])
 def test_below_a_sample_any_part_of_it_is_as_likely(delay, sd):
     below, even = by_hand(delay, sd)
     found = below_a_sample(late(delay, sd))
