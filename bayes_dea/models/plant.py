@@ -131,26 +131,22 @@ class Plant:
         rings = self.f_1_Hz < _QUICK_HZ or (self.zeta * self.f_1_Hz < _QUIET_HZ)
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
-    @property
+    @cached_property
     def before_sensor(self) -> Plant:
         """The plant without what the sensor, its holder and the clock of the recorder add."""
-        return self if not self.is_sensed else replace(
-            self, T_d_s=0.0, tau_s_s=0.0, q_2_per_m=0.0, drift_m_per_s=0.0, mains_m=0.0, y_max_m=np.inf,
-            alpha_T_m_per_K=0.0,
-        )
+        return replace(self, **_NO_SENSOR) if self.is_sensed else self
 
     @property
     def is_sensed(self) -> bool:
         """Whether something of the sensor, its holder or the clock of the recorder is added."""
-        added = self.T_d_s, self.tau_s_s, self.q_2_per_m, self.drift_m_per_s, self.mains_m, self.alpha_T_m_per_K
-        return any(added) or self.y_max_m < np.inf
+        return any(getattr(self, name) != off for name, off in _NO_SENSOR.items())
 
     @cached_property
     def key(self) -> tuple[object, ...]:
         """All that its displacement depends on before the sensor."""
         out: list[object] = []
         for f in fields(self):
-            if f.name not in _SENSED:
+            if f.name not in _NO_SENSOR:
                 value = getattr(self, f.name)
                 if isinstance(value, np.ndarray):
                     value = value.tobytes()
@@ -338,6 +334,7 @@ def straightened(plant: Plant, strain: float) -> Plant:
 
 
 _FIELDS = {f.name for f in fields(Plant)}
+_NO_SENSOR: dict[str, Any] = {f.name: f.default for f in fields(Plant) if f.name in _SENSED}
 
 
 def plant_of(model: Model, values: Mapping[str, float], actuator: Actuator) -> Plant:

@@ -50,6 +50,16 @@ def with_effect(problem, name, rng):
     return problem.with_model(model), np.concatenate([start, q[problem.model.dimension :]])
 
 
+def with_effects(campaign, effects, at, given=None):
+    """The problem and coordinates with effects whose parameters have the values `at`; given: priors of their laws."""
+    problem, _, known = campaign
+    model = extended(problem.model, effects, given or {})
+    where = {**dict(zip(problem.model.priors.names, known, strict=False)),
+             **{p.name: p.prior.to_coordinate(at[p.name]) for p in model.priors.free if p.name in at}}
+    q = np.concatenate([[where[n] for n in model.priors.names], known[problem.model.dimension :]])
+    return problem.with_model(model), q
+
+
 def without_rough(problem: Problem) -> Problem:
     return replace(problem, pieces=tuple(replace(p, rough=None) for p in problem.pieces))
 
@@ -110,12 +120,7 @@ def test_what_comes_late_and_at_once_is_worked_out_where_it_comes(campaign, name
 ])
 def test_beside_a_sensor_the_stack_is_worked_out_at_few_nodes(campaign, effects, at):
     """And all sensitivities are those at all nodes, as nearly as without a sensor."""
-    before, _, known = campaign
-    model = extended(before.model, effects, {})
-    where = {**dict(zip(before.model.priors.names, known, strict=False)),
-             **{p.name: p.prior.to_coordinate(at[p.name]) for p in model.priors.free if p.name in at}}
-    problem = before.with_model(model)
-    q = np.concatenate([[where[n] for n in model.priors.names], known[before.model.dimension :]])
+    problem, q = with_effects(campaign, effects, at)
     asked = []
     clean = problem.clean(q)
     for p in problem.pieces:
@@ -159,15 +164,12 @@ def test_a_plant_that_differs_by_its_sensor_alone_is_not_simulated_again(campaig
 @pytest.mark.parametrize("delay_s", [-4e-4, 2e-3, 30e-3])
 def test_predictions_beside_a_delay_are_those_at_all_nodes(campaign, delay_s):
     """Late, at once or ahead: it is read off all nodes, and what a further effect changes is worked out at few."""
-    problem, prior, q = campaign
+    _, prior, _ = campaign
     law = VARIANTS["acquisition_delay"] if delay_s < 0 else {}
-    model = extended(problem.model, ["acquisition_delay"], law)
-    names = list(model.priors.names)
-    T_d = model.priors.free[names.index("T_d_s")].prior.to_coordinate(delay_s)
-    late = problem.with_model(model)
-    fit = refit(late, np.insert(q, names.index("T_d_s"), T_d), prior.start(), prior, max_steps=0, fit_noise=False)
-    other = problem.with_model(extended(problem.model, ["stretch_dependent_permittivity", "acquisition_delay"], law))
-    there = np.insert(fit.q, other.model.priors.names.index("c_eps"), -1.5)
+    late, there = with_effects(campaign, ("acquisition_delay",), {"T_d_s": delay_s}, law)
+    fit = refit(late, there, prior.start(), prior, max_steps=0, fit_noise=False)
+    both = ("stretch_dependent_permittivity", "acquisition_delay")
+    other, there = with_effects(campaign, both, {"T_d_s": delay_s, "c_eps": -1.5}, law)
     nearby = Nearby(fit)
     for a, b, c in zip(nearby.clean(other, there), other.clean(there), fit.clean, strict=True):
         assert 0.0 < np.sqrt(np.mean((a - b) ** 2)) <= 0.005 * np.sqrt(np.mean((b - c) ** 2))
@@ -178,12 +180,7 @@ def test_what_changes_beside_a_mass_that_hardly_swings_is_worked_out_at_few_node
     """But for what it swings at, whose corners move. With a curved law beside it a simulation takes ten times as long
     as at few nodes."""
     at = {"beta": 50.0, "f_1_Hz": 300.0, "zeta": damping}
-    before, _, known = campaign
-    model = extended(before.model, ("inertia", "strain_stiffening"), {})
-    where = {**dict(zip(before.model.priors.names, known, strict=False)),
-             **{p.name: p.prior.to_coordinate(at[p.name]) for p in model.priors.free if p.name in at}}
-    problem = before.with_model(model)
-    q = np.concatenate([[where[n] for n in model.priors.names], known[before.model.dimension :]])
+    problem, q = with_effects(campaign, ("inertia", "strain_stiffening"), at)
     for p in problem.pieces:
         plant = plant_at(problem, q, p)
         assert (p.nearby_reading(plant, plant, corners_stay=True) is p.rough) == few

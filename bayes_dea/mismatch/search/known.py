@@ -73,27 +73,16 @@ class Known:
 
     def share(self, w: Weighed) -> float:
         """Prior odds of one hypothesis, by what its delay is after the recordings."""
-        return sum(self._shares(w))
+        return sum(shares(w, self.odds, self.singles))
 
     def timing(self, w: Weighed) -> float:
         """Probability that what a hypothesis has of a delay is a shift of less than one sample, which is no physics."""
-        physics, timing = self._shares(w)
+        physics, timing = shares(w, self.odds, self.singles)
         return timing / (physics + timing)
 
     def physics(self, w: Weighed) -> int:
         """Number of effects of a hypothesis without a delay that is more likely a shift of less than one sample."""
         return len(w.effects) - (DELAY in w.effects and self.timing(w) > 0.5)
-
-    def _shares(self, w: Weighed) -> tuple[float, float]:
-        """Prior odds of a hypothesis as physics, and as the same without its delay on a bench that reads off time."""
-        plain = self.odds.of(len(w.effects), self.singles)
-        found = below_a_sample(w.fit) if DELAY in w.effects and w.refitted else None
-        if found is None:
-            return plain, 0.0
-        if found.even is None:
-            return plain * (1.0 - found.probability), plain * found.probability
-        bare = self.odds.of(len(w.effects) - 1, self.singles)
-        return plain * (1.0 - found.probability), bare * self.odds.shift * found.even
 
     def weight(self, w: Weighed) -> float:
         """Log evidence and log prior."""
@@ -142,6 +131,18 @@ class Known:
             if v.refitted and len(v.effects) == len(w.effects) - 1 and set(v.effects) < set(w.effects)
         ]  # fmt: skip
         return max(fewer, key=lambda v: v.log_evidence, default=None)
+
+
+def shares(w: Weighed, odds: Odds, candidates: int) -> tuple[float, float]:
+    """Prior odds of a hypothesis as physics, and as the same without its delay on a bench that reads off time."""
+    plain = odds.of(len(w.effects), candidates)
+    found = below_a_sample(w.fit) if DELAY in w.effects and w.refitted else None
+    if found is None:
+        return plain, 0.0
+    if found.even is None:
+        return plain * (1.0 - found.probability), plain * found.probability
+    bare = odds.of(len(w.effects) - 1, candidates)
+    return plain * (1.0 - found.probability), bare * odds.shift * found.even
 
 
 def _least_gain(w: Weighed, before: Weighed) -> float:

@@ -27,7 +27,7 @@ from .elements import counted
 from .frame import Frame
 from .grid import Screened
 from .hypotheses import DELAY, candidates, effect_priors, prior_odds
-from .known import SLIGHT, Known
+from .known import SLIGHT, Known, shares
 from .naming import (
     WORTH_LABELLING,
     Explanation,
@@ -292,7 +292,7 @@ class _Search:
     def _beside_what_is_not(self) -> list[Weighed]:
         """Further effects where the best leaves something; put off where another reading promises more."""
         start = self.best.weighed
-        first_of_all, shifted = len(start.effects) == 1, self.known.physics(start) < len(start.effects)
+        first_of_all = len(start.effects) == 1
         taken = self._otherwise(start.fit)
         promised = promised_beside(start, self.quest) if taken > 0.0 else 0.0
         if promised < _NEARLY * taken:
@@ -304,7 +304,7 @@ class _Search:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
             more += self._taken(swapped)
-        elif shifted and self.known.physics(start) == 1 and more:
+        elif self.known.physics(start) == 1 and more:
             more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
         return more
 
@@ -337,5 +337,4 @@ def weigh_delay(
     weighed = refined(base, on_grids([Frame(replace(base, noise=prior.start()))], 1, quest), quest)
     if not weighed:
         return None
-    none = Weighed((), base, base.log_evidence, 0.1, 0.0)
-    return Known(none, 0.0, prior_odds(), max(len(names), 1)).weight(weighed[DELAY])
+    return weighed[DELAY].log_evidence + math.log(sum(shares(weighed[DELAY], prior_odds(), len(names))))
