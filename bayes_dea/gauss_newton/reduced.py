@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix
 
 from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
+from ..latest import Latest
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer, read_at
 from ..likelihood.position_scatter import at_rest, stiffness
@@ -32,6 +33,7 @@ from .spread import Spread, smooth_lines
 
 if TYPE_CHECKING:
     from ..campaign.schema import Recording
+    from .whitening import Whitener
 
 Array = NDArray[np.float64]
 
@@ -83,6 +85,11 @@ class Piece:
             inputs += [None] if nodes is None else [nodes.row, *nodes.inputs]
         inputs += [None] if self.path is None else [self.path.time_s, self.path.position_m]
         return digest(self.name, self.channel, self.group, self.rate, compared, inputs)
+
+    @cached_property
+    def whiteners(self) -> Latest[Whitener]:
+        """What made its columns white under the last noises (`whitening`)."""
+        return Latest()
 
     @property
     def recording(self) -> Recording:

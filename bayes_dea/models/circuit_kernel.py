@@ -152,3 +152,24 @@ def field(thick, c_eps, e):
 def shorter(ratio, power):
     """Factor for a step whose error is to shrink by `ratio` and goes with the 1/power-th power of its length."""
     return max(0.2, 0.9 * ratio**power)
+
+
+@inline
+def halved(step, factor):
+    """A step cut in halves until it is no longer than `factor` of itself.
+
+    The parts of a step have few lengths that way, whose coefficients are known from the part or the step before.
+    """
+    cut = 0.5
+    while cut > factor and cut > 1e-12:
+        cut *= 0.5
+    return cut * step
+
+
+@inline
+def following(step, grow, left):
+    """The next part of a step of which `left` remains: the last one or its double or parts, as `grow` allows."""
+    new = 2.0 * step if grow >= 2.0 else step
+    while new > step * max(grow, 1e-12) or new > left * (1.0 + 1e-9):
+        new *= 0.5
+    return new

@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..priors import Parameter, Prior, PriorSet, apply_overrides, prior_folder, read_prior_file
 from .effects import registered_effects
 from .modulus import PRIMARY, LawCoordinates
-from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
+from .networks import maxwell_to_modes, process_to_modes, seen_to_maxwell
 from .spec import Spec, parse_spec
 
 #: sample time that the discrete state space is stated for (s), as in the reference paper's Table SVIII
@@ -133,35 +133,18 @@ class Model:
         z = np.atleast_2d(z)
         if self._mode_coordinates:
             out = z.copy()
-            v = z[:, self._network_index]
-            n = self.spec.elements
-            network = self.spec.network
+            v = np.ascontiguousarray(z[:, self._network_index])
             assert self._law is not None
             # unordered or absurd modes have no counterpart: the caller sees -inf through the NaN
-            if network == "gkm":
-                log_c, log_T = v[:, : n + 1].copy(), v[:, n + 1 :]
-                log_c[:, 0] += log_T[:, 0]
-                D = np.zeros(len(v))
-            else:
+            if self.spec.network == "gkv":
+                n = self.spec.elements
                 log_c, log_T = v[:, 1 : n + 1].copy(), v[:, n + 1 :]
                 log_c[:, 0] += log_T[:, 0]
-                D = np.exp(np.clip(v[:, 0], -200, 200))
-            good = np.all(log_T[:, 1:] < log_T[:, :-1] - 1e-9, axis=1) & np.all(np.isfinite(v), axis=1)
-            good &= np.all(np.abs(v) < 200, axis=1)
-            result = np.full_like(v, np.nan)
-            if network == "gkv":
-                result[:, 0] = -v[:, 0]
-                result[:, 1 : n + 1] = -log_c
-                result[:, n + 1 :] = log_T
+                result = np.concatenate([-v[:, :1], -log_c, log_T], axis=1)
+                good = np.all(log_T[:, 1:] < log_T[:, :-1] - 1e-9, axis=1) & np.all(np.abs(v) < 200, axis=1)
                 result[~good] = np.nan
-            elif good.any():
-                Y, k, tau, d0 = modes_to_maxwell(
-                    np.ascontiguousarray(D[good]), np.exp(log_c[good]), np.exp(log_T[good])
-                )
-                parts = [np.log(Y)[:, None], np.log(k), np.log(tau)]
-                if network == "gkm":
-                    parts.append(np.log(d0)[:, None])
-                result[good] = np.concatenate(parts, axis=1)
+            else:
+                result = seen_to_maxwell(v, self.spec.network == "gkm")
             out[:, self._network_index] = result
             return self._law.prior(out)
         if self._process_coordinates:

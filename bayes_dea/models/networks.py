@@ -168,6 +168,41 @@ def modes_to_maxwell(D, c, T):
 
 
 @_jit
+def seen_to_maxwell(v, kelvin):
+    """Rows (B, d) of log D, log c_1/T_1, log c_2 .. c_n, log T_1 .. T_n to log Y, log k_1 .. k_n, log tau_1 .. tau_n.
+
+    kelvin: GKM, without log D and with n + 1 modes; log d0 comes last. nan for modes that are unordered or absurd.
+    """
+    first = 0 if kelvin else 1
+    m = (v.shape[1] - first) // 2
+    out = np.full_like(v, np.nan)
+    D, c, T = np.zeros(1), np.empty((1, m)), np.empty((1, m))
+    for b in range(v.shape[0]):
+        good = True
+        for i in range(v.shape[1]):
+            good = good and abs(v[b, i]) < 200.0  # not where nan, either
+        for j in range(1, m):
+            good = good and v[b, first + m + j] < v[b, first + m + j - 1] - 1e-9
+        if not good:
+            continue
+        if not kelvin:
+            D[0] = np.exp(v[b, 0])
+        for j in range(m):
+            log_T = v[b, first + m + j]
+            T[0, j] = np.exp(log_T)
+            c[0, j] = np.exp(v[b, first + j] + (log_T if j == 0 else 0.0))
+        Y, k, tau, d0 = modes_to_maxwell(D, c, T)
+        n = k.shape[1]
+        out[b, 0] = np.log(Y[0])
+        for i in range(n):
+            out[b, 1 + i] = np.log(k[0, i])
+            out[b, 1 + n + i] = np.log(tau[0, i])
+        if kelvin:
+            out[b, 1 + 2 * n] = np.log(d0[0])
+    return out
+
+
+@_jit
 def process_to_modes(Kp, Tz, Tp):
     """PZ3 (Eq. 13 of the reference paper): Kp (1 + Tz p)/prod(1 + Tp_i p) to c (B, 3), T (B, 3), dimensionless c."""
     B, m = Tp.shape

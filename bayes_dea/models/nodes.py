@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
-from .answers import Answers
+from ..latest import Latest
 from .electrostatics import filled_input
 from .lags import even_step
 from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines
@@ -64,9 +64,10 @@ class Nodes:
         return self.corners is not None
 
     @cached_property
-    def answers(self) -> Answers:
-        """The last displacements that plants had at them."""
-        return Answers()
+    def answers(self) -> Latest[NDArray[np.float64]]:
+        """The last displacements of plants at them, by the plant before its sensor and what came before: that of a fit,
+        and that of the change of one parameter beside it. What a sensor makes of a displacement changes none of it."""
+        return Latest()
 
     def durations(self) -> NDArray[np.float64]:
         """Time from the node before to each node (m,) s, zero for the first one; not to be written to."""

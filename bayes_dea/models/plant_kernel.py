@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .circuit_kernel import charge, field, inline, leaking, place, shorter, stored, straight
+from .circuit_kernel import charge, field, following, halved, inline, leaking, place, shorter, stored, straight
 from .material_kernel import (
     BEYOND,
     P_BETA,
@@ -415,7 +415,7 @@ def run(w, law_p, h, u0, u1, out):
                     aside -= moves * beside
                     worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
                     if worst > _COURSE_TOLERANCE:
-                        step *= shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0)
+                        step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
                         continue
                     if 8.0 * worst > _COURSE_TOLERANCE:
                         grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
@@ -424,7 +424,7 @@ def run(w, law_p, h, u0, u1, out):
                 volts = (V if rs > 0.0 else v_start) - vq
                 wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[_BOW]
                 if wrong > _CIRCUIT_TOLERANCE:
-                    step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.25)
+                    step = halved(step, shorter(_CIRCUIT_TOLERANCE / wrong, 0.25))
                     continue
                 if 4.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** 0.25)
@@ -436,8 +436,8 @@ def run(w, law_p, h, u0, u1, out):
                 if wrong > _CIRCUIT_TOLERANCE:
                     # a step of several time constants says nothing about one within the first
                     third = 1.0 / 3.0
-                    step = (min(0.5 * step, rc) if charges > 1.0
-                            else step * shorter(_CIRCUIT_TOLERANCE / wrong, third))
+                    within = rc / step if charges > 1.0 else shorter(_CIRCUIT_TOLERANCE / wrong, third)
+                    step = halved(step, within)
                     continue
                 if 8.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** (1.0 / 3.0))
@@ -446,7 +446,7 @@ def run(w, law_p, h, u0, u1, out):
                 far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
                 wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, charges)
                 if wrong > _CIRCUIT_TOLERANCE:
-                    step *= shorter(_CIRCUIT_TOLERANCE / wrong, 0.5)
+                    step = halved(step, shorter(_CIRCUIT_TOLERANCE / wrong, 0.5))
                     continue
                 if 4.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * math.sqrt(_CIRCUIT_TOLERANCE / wrong))
@@ -485,7 +485,7 @@ def run(w, law_p, h, u0, u1, out):
             done += step
             if done >= whole * (1.0 - 1e-12):
                 break
-            step = min(grow * step, whole - done)
+            step = following(step, grow, whole - done)
         out[i] = e
         if math.isnan(e):
             out[i:] = math.nan

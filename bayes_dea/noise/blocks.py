@@ -318,19 +318,26 @@ def _whiten(x, m, gap, sigma, rho, white, out):
 
 @njit(cache=True)
 def _whiten_terms(x, gap, sigma, rho, terms, out):
-    """Forward substitution with the exact Cholesky factor; returns the log-determinant of the covariance.
+    """Forward substitution with the exact Cholesky factor; returns the log-determinant of the covariance."""
+    factor = np.empty((4, gap.size))
+    logdet = _factor(gap, sigma, rho, terms, factor)
+    _substitute(x, factor, out)
+    return logdet
 
-    State of the recursion, at the last row of the block before: f (one a column of x), the conditional
-    mean of what remains correlated, and p, its variance under the factor.
+
+@njit(cache=True)
+def _factor(gap, sigma, rho, terms, factor):
+    """The exact Cholesky factor as a recursion; returns the log-determinant of the covariance.
+
+    Its state, at the last row of the block before: f (one a column), the conditional mean of what remains correlated,
+    and p, its variance under the factor. factor (4, n): what a block takes from its mean of f, one over the sd of what
+    is left, and what f keeps of itself and takes from the block.
     """
-    n = gap.size
-    k = x.shape[0]
-    f = np.zeros(k)
     p = 0.0
     var = sigma * sigma
     logdet = 0.0
     product = 1.0
-    for i in range(n):
+    for i in range(gap.size):
         u = terms[i, 0]
         a = terms[i, 1]
         through = terms[i, 2]
@@ -339,17 +346,26 @@ def _whiten_terms(x, gap, sigma, rho, terms, out):
         d = a - u * u * p
         w = (u * var - through * u * p) / d
         p = through * through * p + d * w * w
-        inverse_sd = 1.0 / math.sqrt(d)
-        for c in range(k):
-            g = lag * f[c]
-            z = x[c, i] - u * g
-            out[c, i] = z * inverse_sd
-            f[c] = through * g + w * z
+        factor[0, i] = u * lag
+        factor[1, i] = 1.0 / math.sqrt(d)
+        factor[2, i] = (through - w * u) * lag
+        factor[3, i] = w
         product *= d
         if product < 1e-200 or product > 1e200:
             logdet += math.log(product)
             product = 1.0
     return logdet + math.log(product)
+
+
+@njit(cache=True)
+def _substitute(x, factor, out):
+    """Columns x (k, n) whitened by a factor (4, n)."""
+    for c in range(x.shape[0]):
+        f = 0.0
+        for i in range(x.shape[1]):
+            z = x[c, i]
+            out[c, i] = (z - factor[0, i] * f) * factor[1, i]
+            f = factor[2, i] * f + factor[3, i] * z
 
 
 @njit(cache=True)
@@ -405,6 +421,34 @@ def block_loglik(residual_means: ArrayLike, counts: ArrayLike, sigma: float, rho
     return -0.5 * (value + m.size * math.log(2 * math.pi))
 
 
+@dataclass(frozen=True)
+class BlockFactor:
+    """The Cholesky factor L of the covariance of block means under one noise, and log det of L L^T."""
+
+    recursion: Array  # (4, n), see `_factor`
+    logdet: float
+
+    @classmethod
+    def of(cls, counts: ArrayLike, sigma: float, rho: float = 0.0, gaps: ArrayLike | None = None,
+           white_variance: ArrayLike = 0.0) -> BlockFactor:
+        """Arguments and errors of `block_whiten`."""
+        _check_noise(sigma, rho)
+        if not np.all(np.asarray(white_variance) >= 0):
+            raise ValueError(f"white_variance must be >= 0, got {white_variance!r}")
+        m = np.ascontiguousarray(counts, dtype=np.int64)
+        recursion = np.empty((4, m.size))
+        terms = _terms(m, sigma, rho, white_variance)
+        logdet = _factor(_gaps(gaps, m.size), float(sigma), float(rho), terms, recursion)
+        return cls(recursion, float(logdet))
+
+    def whiten(self, columns: Array) -> Array:
+        """L^-1 x of columns x (k, n)."""
+        x = np.ascontiguousarray(columns)
+        out = np.empty_like(x)
+        _substitute(x, self.recursion, out)
+        return out
+
+
 def block_whiten(columns: ArrayLike, counts: ArrayLike, sigma: float, rho: float = 0.0,
                  gaps: ArrayLike | None = None, white_variance: ArrayLike = 0.0) -> tuple[Array, float]:
     """Whitened columns L^-1 x and log det of the covariance L L^T of the block means.
@@ -417,16 +461,9 @@ def block_whiten(columns: ArrayLike, counts: ArrayLike, sigma: float, rho: float
     ------
     ValueError : sigma <= 0, |rho| >= 1 or white_variance < 0.
     """
-    _check_noise(sigma, rho)
-    if not np.all(np.asarray(white_variance) >= 0):
-        raise ValueError(f"white_variance must be >= 0, got {white_variance!r}")
+    factor = BlockFactor.of(counts, sigma, rho, gaps, white_variance)
     x = np.asarray(columns, dtype=np.float64)
-    flat = np.ascontiguousarray(x.reshape(-1, x.shape[-1]))
-    m = np.ascontiguousarray(counts, dtype=np.int64)
-    out = np.empty_like(flat)
-    terms = _terms(m, sigma, rho, white_variance)
-    logdet = _whiten_terms(flat, _gaps(gaps, m.size), float(sigma), float(rho), terms, out)
-    return out.reshape(x.shape), float(logdet)
+    return factor.whiten(x.reshape(-1, x.shape[-1])).reshape(x.shape), factor.logdet
 
 
 def _gaps(gaps: ArrayLike | None, n: int) -> NDArray[np.int64]:

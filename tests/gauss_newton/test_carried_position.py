@@ -12,6 +12,7 @@ from bayes_dea.campaign import Actuator, Sensor, recording_from_arrays
 from bayes_dea.forward import imposed_position
 from bayes_dea.gauss_newton.reduced import _mechanical_piece, _touching, reduce_campaign
 from bayes_dea.gauss_newton.whitening import Noise, whiten_columns
+from bayes_dea.latest import Latest
 from bayes_dea.likelihood.prepare import Prepared
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
@@ -56,8 +57,11 @@ class Piece:
         rng = np.random.default_rng(0)
         self.channel, self.rate, self.white_variance = "force", 0, 1e-6
         self.carried = carried
+        self.nuisance, self.nuisance_sd = np.empty((0, carried.shape[1])), np.empty(0)
+        self.whiteners = Latest()
 
         class Blocks:
+            n = carried.shape[1]
             count = rng.integers(1, 20, carried.shape[1])
             gap = np.ones(carried.shape[1], dtype=np.int64)
 

@@ -11,6 +11,7 @@ from bayes_dea.models.networks import (
     maxwell_to_modes,
     modes_to_maxwell,
     process_to_modes,
+    seen_to_maxwell,
 )
 
 
@@ -85,6 +86,26 @@ def test_kelvin_maxwell_round_trip(n):
     np.testing.assert_allclose(tau2, tau, rtol=1e-10)
     # a branch faster than the damper hardly shows in the modes: rounding takes digits of its stiffness
     np.testing.assert_allclose(k2, k, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kelvin", [False, True])
+@pytest.mark.parametrize("n", range(1, 5))
+def test_logarithms_of_modes_give_those_of_the_network(n, kelvin):
+    rng = np.random.default_rng(30 + n)
+    Y, k, tau = random_maxwell(n, rng, 50)
+    d0 = 1e3 * np.exp(1.4 * rng.standard_normal(50)) if kelvin else np.zeros(50)
+    D, c, T = maxwell_to_modes(Y, k, tau, d0)
+    rate = c / np.where(np.arange(c.shape[1]) == 0, T, 1.0)  # the slowest by what it creeps a second
+    v = np.concatenate([np.log(rate), np.log(T)] if kelvin else [np.log(D)[:, None], np.log(rate), np.log(T)], axis=1)
+    known = [np.log(Y)[:, None], np.log(k), np.log(tau), *([np.log(d0)[:, None]] if kelvin else [])]
+    np.testing.assert_allclose(seen_to_maxwell(v, kelvin), np.concatenate(known, axis=1), rtol=1e-6)
+    broken = np.repeat(v[:1], 4, axis=0)
+    broken[0, -1] = np.nan
+    broken[1, 0] = 200.0
+    broken[2, 1] = -np.inf
+    broken[3, -1] = 150.0  # the last time constant above the others, or above what there is
+    assert np.isnan(seen_to_maxwell(broken[:3], kelvin)).all()
+    assert np.isnan(seen_to_maxwell(broken[3:], kelvin)).all() == (n > 1 or kelvin)
 
 
 @pytest.mark.parametrize("n", range(1, 7))

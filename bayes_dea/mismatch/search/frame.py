@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from ...gauss_newton.descent import prior_derivatives
 from ...gauss_newton.journal import digest
 from ...gauss_newton.problem import Problem
-from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit, inverse
-from ...gauss_newton.whitening import whiten, whiten_columns
+from ...gauss_newton.whitening import Whitener, whitener
 from ...models.effects import registered_effects
 from ...models.model import Model
 from .nearby import Nearby
@@ -33,14 +32,13 @@ class Frame:
         for grids to be carried over to one of the same kind."""
         self.fit, self.far, self.kind = fit, far, kind
         self.nearby = Nearby(fit)
-        #: by piece: nuisance (m, nb), its covariance (m, m), and the sensitivities (d, nb) less what it takes from them
-        self._eliminated: list[tuple[Array, Array, Array]] = []
+        #: by piece: what makes it white, and the sensitivities (d, nb) less what the nuisance takes from them
+        self._eliminated: list[tuple[Whitener, Array]] = []
         total = None
         for i, piece in enumerate(fit.problem.pieces):
-            w = whiten(piece, fit.problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise)
-            B = w.nuisance
-            inner: Array = np.asarray(np.linalg.inv(B @ B.T + np.diag(1.0 / piece.nuisance_sd**2)), dtype=float)
-            self._eliminated.append((B, inner, w.columns[1:] - w.coupling[:, 1:].T @ B))
+            known = whitener(piece, fit.noise)
+            w = known(fit.problem.columns(i, fit.q, fit.clean, fit.slopes))
+            self._eliminated.append((known, w.columns[1:] - w.coupling[:, 1:].T @ known.nuisance))
             g = w.gram()
             total = g if total is None else total + g
         assert total is not None
@@ -92,17 +90,12 @@ class Frame:
         """Weighted sum of squared residuals of other predictions, and their product with the sensitivities (d,)."""
         rr, cross = 0.0, np.zeros(self.fit.q.size)
         _, gains = self.fit.problem.beside(q)
-        for piece, (B, inner, apart), x in zip(self.fit.problem.pieces, self._eliminated, clean, strict=True):
-            one = whiten_one(piece, piece.y - (1 + gains[piece.group]) * x, self.fit)
-            b = B @ one
-            rr += float(one @ one) - float(b @ inner @ b)
+        for piece, (known, apart), x in zip(self.fit.problem.pieces, self._eliminated, clean, strict=True):
+            one = known.columns((piece.y - (1 + gains[piece.group]) * x)[None])[0]
+            b = known.nuisance @ one
+            rr += float(one @ one) - float(b @ known.inner @ b)
             cross += apart @ one
         return rr, cross
-
-
-def whiten_one(piece: Piece, r: Array, fit: Fit) -> Array:
-    """Whitened column (nb,) of a piece."""
-    return whiten_columns(piece, r[None], fit.noise)[0][0]
 
 
 def trusted(move: Array) -> Array:
