@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -80,15 +81,12 @@ def slow_lines(
     room[:-1][np.isin(np.arange(volts.size - 1) + 1, row, invert=True)] = 0
     starts = np.flatnonzero(room >= settings.fewest)
     last = 0 if linear else settings.last
-    groups = []
-    at = 0
-    while at < starts.size:
-        r = int(starts[at])
-        group = _group(volts, r, int(room[r]), last, largest, linear, settings)
-        if group is not None:
-            groups.append(group)
-        at = int(np.searchsorted(starts, r + 1 if group is None else group[1]))
-    return _joined(row, volts, groups, last, linear) if groups else None
+    # first and last row of each group, its line's ends (V)
+    first, stop, start, end = _groups(
+        np.ascontiguousarray(volts, dtype=float), starts, room, last, linear, settings.fewest,
+        settings.missed * largest,
+    )
+    return _joined(row, volts, first, stop, start, end, last, linear) if first.size else None
 
 
 def corners(volts: Array) -> NDArray[np.int64]:
@@ -130,39 +128,62 @@ def _room(volts: Array, largest: float, step_s: float, settings: LineSettings) -
     return np.asarray(out)
 
 
-def _group(
-    volts: Array, r: int, room: int, last: int, largest: float, linear: bool, settings: LineSettings
-) -> tuple[int, int, float, float] | None:
-    """First and last row of a group from row r on, its line's ends (V)."""
-    while room >= settings.fewest:
-        k = room - last
-        rows = volts[r + 1 : r + k + 1]
-        slope = float(rows[-1] - rows[0]) / (k - 1)
-        if linear:
-            mean = float(0.5 * (volts[r] + rows[-1]) + rows[:-1].sum()) / k
-            start, end = 2.0 * mean - float(rows[-1]), float(rows[-1])
-        else:
-            mean = float(rows.mean())
-            start, end = mean - 0.5 * slope * k, mean + 0.5 * slope * k
-        missed = rows - (mean + slope * (np.arange(k) - 0.5 * (k - 1) + (0.5 if linear else 0.0)))
-        if np.abs(missed).max() <= settings.missed * largest and slope != 0.0:
-            return r, r + room, start, end
-        room = int(0.7 * room)
-    return None
+@njit(cache=True)
+def _groups(volts, starts, room, last, linear, fewest, missed):
+    """Groups from left to right: first row (k,), last row (k,), and start and end of the line (k,) V of each.
+
+    A group begins at one of the rows `starts`, is as long as its room there or shorter, and ends in `last` held rows;
+    missed: volts by which its line may miss a row.
+    """
+    first, stop = np.empty(starts.size, dtype=np.int64), np.empty(starts.size, dtype=np.int64)
+    start, end = np.empty(starts.size), np.empty(starts.size)
+    found, at = 0, 0
+    while at < starts.size:
+        r = starts[at]
+        long, go_on = room[r], r + 1
+        while long >= fewest:
+            k = long - last
+            slope = (volts[r + k] - volts[r + 1]) / (k - 1)
+            mean = 0.0
+            for i in range(1, k + 1):
+                mean += volts[r + i]
+            middle = 0.5 * (k - 1)
+            if linear:
+                mean += 0.5 * (volts[r] - volts[r + k])
+                middle -= 0.5
+            mean /= k
+            worst = 0.0
+            for i in range(k):
+                worst = max(worst, abs(volts[r + 1 + i] - (mean + slope * (i - middle))))
+            if worst <= missed and slope != 0.0:
+                first[found], stop[found] = r, r + long
+                # straight between rows, it has to end where the next one begins
+                start[found] = 2.0 * mean - volts[r + k] if linear else mean - 0.5 * slope * k
+                end[found] = volts[r + k] if linear else mean + 0.5 * slope * k
+                found += 1
+                go_on = r + long
+                break
+            long = int(0.7 * long)
+        while at < starts.size and starts[at] < go_on:
+            at += 1
+    return first[:found], stop[:found], start[:found], end[:found]
 
 
 def _joined(
-    row: NDArray[np.int64], volts: Array, groups: list[tuple[int, int, float, float]], last: int, linear: bool
+    row: NDArray[np.int64], volts: Array, first: NDArray[np.int64], stop: NDArray[np.int64], begin: Array,
+    finish: Array, last: int, linear: bool,
 ) -> Lines:
-    """The rows without those within groups."""
+    """The rows without those within groups; first, stop, begin, finish (k,): see `_groups`."""
     keep = np.zeros(volts.size, dtype=bool)
     keep[row] = True
     start = np.concatenate([volts[:1], volts[:-1]]) if linear else volts.copy()
     end = volts.copy()
-    unread = np.zeros(volts.size, dtype=bool)
-    for first, stop, a, b in groups:
-        keep[first + 1 : stop - last] = False
-        start[stop - last], end[stop - last] = a, b
-        unread[stop - last : stop] = True
+    unread = np.zeros(volts.size + 1, dtype=np.int64)
+    within = np.zeros(volts.size + 1, dtype=np.int64)
+    for mark, ahead, behind in ((within, first + 1, stop - last), (unread, stop - last, stop)):
+        np.add.at(mark, ahead, 1)
+        np.add.at(mark, behind, -1)
+    keep &= np.cumsum(within)[:-1] == 0
+    start[stop - last], end[stop - last] = begin, finish
     left = np.flatnonzero(keep)
-    return Lines(left, start[left], end[left], np.flatnonzero(unread[left]))
+    return Lines(left, start[left], end[left], np.flatnonzero(np.cumsum(unread)[:-1][left] > 0))

@@ -38,7 +38,7 @@ from .naming import (
     with_adequacy,
 )
 from .pairs import beside_the_leader, beside_the_next, freed, in_place_of_the_first
-from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, too_dear, typical
+from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import again, from_the_leader
@@ -111,9 +111,12 @@ def name_physics(
         if spoiled is not None and spoiled(fit):
             raise _SpoiledError
 
-    columns, places = basis(base, looks), places_of(base.problem.pieces, rng, looks)
     brief.say("finding starts", 0, 3, "slow waves and plateaus")
     frames = frames_of(base, looks, brief.prior)
+    better = settled(base, frames, brief.prior)
+    if better is not base:
+        base, frames = better, frames_of(better, looks, brief.prior)
+    columns, places = basis(base, looks), places_of(base.problem.pieces, rng, looks)
     brief.say("finding starts", 1, 3, "what is left")
     none = Explanation(Weighed((), base, base.log_evidence, 0.1, 0.0), scan(base, rng, places))
     names, skipped = candidates(

@@ -16,7 +16,7 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
 from ..where.features import Features
-from .frame import Frame, own_index
+from .frame import Frame, own_index, trusted
 from .grid import Screened, moved_to, screen
 from .hypotheses import extended
 from .quest import Quest, Report
@@ -89,6 +89,23 @@ def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame
     }
     quiet = prior.start()  # the noise of a wrong model has grown
     return [Frame(replace(f, noise=quiet), kind=kind) for kind, f in starts.items() if f is not None]
+
+
+def settled(base: Fit, frames: Sequence[Frame], prior: NoisePrior) -> Fit:
+    """The base, or a better fit of the same model that begins where one of its frames promises one.
+
+    Readings that were taken out may have driven a mode to where no descent leads back from, and whatever was weighed
+    beside that would have found what the base itself should have.
+    """
+    best, here = base, frames[0].value(frames[0].fit.clean)[0]
+    for frame in frames[1:]:
+        value, move = frame.value(frame.fit.clean)
+        if not value < here - LEAST_GAIN:
+            continue
+        again = refit(base.problem, frame.fit.q + trusted(move), prior.start(), prior)
+        if again is not None and again.objective < best.objective - LEAST_GAIN:
+            best = again
+    return best
 
 
 def on_grids(
