@@ -142,7 +142,8 @@ class Problem:
         which a step by slopes can follow as far as it leads. Their prior sds of a few per cent are those of g.
         """
         d = self.model.dimension
-        return q[d : d + self.zero_mean.size], np.expm1(q[d + self.zero_mean.size :])
+        with np.errstate(over="ignore"):  # a step that runs away: not finite, as descents ask
+            return q[d : d + self.zero_mean.size], np.expm1(q[d + self.zero_mean.size :])
 
     @cached_property
     def additive(self) -> tuple[NDArray[np.int64], Array]:
@@ -378,11 +379,12 @@ class Problem:
         """[residual; sensitivities by q] of piece i, not whitened."""
         _, gains = self.beside(q)
         piece = self.pieces[i]
-        g = gains[piece.group]
-        parts = [(piece.y - (1 + g) * clean[i])[None]]
-        if slopes:
-            parts.append((1 + g) * slopes[i])
-            by_gain = np.zeros((self.gain_sd.size, clean[i].size))
-            by_gain[piece.group] = (1 + g) * clean[i]
-            parts.append(by_gain)
+        with np.errstate(over="ignore", invalid="ignore"):  # see `beside`
+            size = 1.0 + gains[piece.group]
+            parts = [(piece.y - size * clean[i])[None]]
+            if slopes:
+                parts.append(size * slopes[i])
+                by_gain = np.zeros((self.gain_sd.size, clean[i].size))
+                by_gain[piece.group] = size * clean[i]
+                parts.append(by_gain)
         return np.concatenate(parts)

@@ -31,8 +31,9 @@ from .weigh import widths_of
 Array = NDArray[np.float64]
 #: degrees of freedom of the first proposals, the widening of all, draws of each round for an integral
 _DF, _WIDE, _ROUNDS = 4.0, 1.3, (32, 64, 64)
-#: effective draws below which the integral is not trusted
-_LEAST = 5.0
+#: effective draws below which the integral is not trusted, and the standard error (nats) that it need not be better than,
+#: which is what Laplace's is taken to have
+_LEAST, _SURE = 5.0, 0.1
 #: the same rounds for a posterior (powers of two, for points that fill evenly), the effective draws that are enough,
 #: and those below which Laplace stands
 _POSTERIOR_ROUNDS, _ENOUGH, _SOME = (64, 128, 128, 128, 128), 120.0, 25.0
@@ -137,6 +138,8 @@ def integrated(
             se = math.sqrt(max(1.0 / effective - 1.0 / n, 0.0))
             log_ratio = float(logsumexp(pool.log_w) - math.log(n))
             found = fit.log_evidence + log_ratio - normal, max(se, 0.05)
+            if se < _SURE:
+                break
     return found
 
 
