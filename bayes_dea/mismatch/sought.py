@@ -7,7 +7,7 @@ mismatch without physics. Where one of them is likelier than all that is named, 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
 from .search.name import Brief, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
+from .search.once import Once
 from .search.quest import Report
 from .telling import Tell, silence
 from .where.features import features
@@ -56,15 +57,20 @@ def sought(
         gains = with_gains if gains_first else None
         return _named(ready, seen, overrides, most_effects, rng, say, begun, grids, gains)
 
+    held: Once[list[Rereading]] = Once()
+
+    def holds(fit: Fit) -> list[Rereading]:
+        return held((fit,), lambda: other_holds(fit, prior, rng, tell))
+
     say("refining the fit", 1, 1, "")
-    retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, tell)
+    retimed = _retimed(seen.base, ready.campaign, overrides, prior, rng, holds)
     if retimed is not None:
         seen.take(retimed)
     if loose:
         seen.take(Rereading(seen.base, 0.0, gains=True))
     grids: dict[str, Screened] = {}
     naming = named(seen, grids, known)
-    reread = _reread(naming, seen.pieces, with_gains, rng, tell)
+    reread = _reread(naming, seen.pieces, with_gains, rng, holds, tell)
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
         how = "the end of the sensor's range" if reread.limit else how
@@ -127,15 +133,16 @@ def _retimed(
     overrides: Mapping[str, Any] | None,
     prior: NoisePrior,
     rng: np.random.Generator,
-    tell: Tell = silence,
+    holds: Callable[[Fit], list[Rereading]],
 ) -> Rereading | None:
     """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that.
 
     None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
+    holds: a fit under the other conventions (`other_holds`).
     """
     if is_adequate(base, rng):
         return None
-    found = [r for r in other_holds(base, prior, rng, tell) if r.base.log_evidence > base.log_evidence + _BY_FAR]
+    found = [r for r in holds(base) if r.base.log_evidence > base.log_evidence + _BY_FAR]
     if not found:
         return None
     best = max(found, key=lambda r: r.log_weight)
@@ -144,13 +151,17 @@ def _retimed(
 
 
 def _reread(
-    naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator, tell: Tell = silence
+    naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator,
+    holds: Callable[[Fit], list[Rereading]], tell: Tell = silence,
 ) -> Rereading | None:
-    """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one."""
+    """Another reading of the campaign that is likelier than every named effect and than "unknown"; None without one.
+
+    holds: see `_retimed`.
+    """
     if naming.none.adequate:
         return None
     fit, prior = naming.none.weighed.fit, with_gains.prior
-    found = [*other_holds(fit, prior, rng, tell), *odd_one_out(fit, prior, rng, tell)]
+    found = [*holds(fit), *odd_one_out(fit, prior, rng, tell)]
     if not naming.best.adequate and naming.best is not naming.none:
         found += odd_one_out(naming.best.weighed.fit, prior, rng, tell)
     found += _with_own_gains(naming, pieces, with_gains, rng, tell)

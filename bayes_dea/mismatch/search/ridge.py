@@ -31,8 +31,8 @@ from .weigh import widths_of
 Array = NDArray[np.float64]
 #: degrees of freedom of the first proposals, the widening of all, draws of each round for an integral
 _DF, _WIDE, _ROUNDS = 4.0, 1.3, (32, 64, 64)
-#: effective draws below which the integral is not trusted, and the standard error (nats) that it need not be better than,
-#: which is what Laplace's is taken to have
+#: effective draws below which the integral is not trusted, and the standard error (nats) that is enough, as it is of
+#: Laplace's
 _LEAST, _SURE = 5.0, 0.1
 #: the same rounds for a posterior (powers of two, for points that fill evenly), the effective draws that are enough,
 #: and those below which Laplace stands
