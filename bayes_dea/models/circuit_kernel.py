@@ -168,8 +168,11 @@ def halved(step, factor):
 
 @inline
 def following(step, grow, left):
-    """The next part of a step of which `left` remains: the last one or its double or parts, as `grow` allows."""
+    """The next part of a step of which `left` remains: as long as the last one, or its double where errors allow that.
+
+    grow: by what they allow it. A part that was short enough is not shortened before the next one has been tried.
+    """
     new = 2.0 * step if grow >= 2.0 else step
-    while new > step * max(grow, 1e-12) or new > left * (1.0 + 1e-9):
+    while new > left * (1.0 + 1e-9):
         new *= 0.5
     return new
