@@ -182,3 +182,31 @@ def test_start_is_end_one_row_later():
     end, _ = simulate_modes(drive_of(time, np.concatenate([[0.0], V[:-1]]), "end"), D, C, T)
     start, _ = simulate_modes(drive_of(time, V, "start"), D, C, T)
     np.testing.assert_array_equal(start, end)
+
+
+#: below it processors work out every product many times more slowly
+SUBNORMAL = np.finfo(float).tiny
+
+
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("hold", list(HOLD_CODES))
+def test_what_has_died_at_rest_is_zero_and_stays_so(hold, even):
+    n = 60_000
+    time = 1e-3 * np.arange(n)
+    if not even:
+        time[1::2] += 1e-4
+    V = np.where((time > 1.0) & (time < 4.0), 900.0, 0.0)
+    drive = drive_of(time, V, hold)
+    slow = np.array([1e-4, 0.01, 0.05, 0.1])  # the last would be at 1e-240 at the end, the one before at 1e-480
+    rows = np.empty((n, slow.size))
+    lag_rows(drive.dt, drive.stress, drive.middle, drive.hold, slow, np.zeros(slow.size), 0, n, rows)
+    alone, end = simulate_modes(drive, 0.0, np.array([1.0]), slow[2:3])
+    for found in (rows, alone, end):
+        assert not np.any((found != 0.0) & (np.abs(found) < SUBNORMAL))
+    assert rows[:, :3][-1].tolist() == [0.0, 0.0, 0.0]
+    assert end.tolist() == [0.0]
+    left = rows[4005:, 3]
+    closed = left[0] * np.exp(-(time[4005:] - time[4005]) / slow[3])
+    alive = closed > 1e-140 * left[0]
+    np.testing.assert_allclose(left[alive], closed[alive], rtol=1e-9)
+    assert alive.sum() > 30_000
