@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
@@ -116,25 +115,31 @@ def isolated_outliers(
     step = float(np.median(np.diff(t[good])))
     around = _Surroundings(x)
     for length in range(_RUN, 0, -1):  # the whole of a run before parts of it
-        before, after = x[: -length - 1], x[length + 1 :]
-        inner = np.stack([x[1 + k : x.size - length + k] for k in range(length)])
-        miss = inner - share * (before + after) * (1.0 if length == 1 else 0.0)
+        mean = x[1 : x.size - length].copy()
+        for k in range(1, length):
+            mean += x[1 + k : x.size - length + k]
+        mean /= length
         if length == 1:
+            mean -= share * (x[:-2] + x[2:])
             theory, tests = sd * float(np.sqrt((1.0 - rho * rho) / (1.0 + rho * rho))), good.size
         else:  # of a run the neighbours say less: it is held against the marginal scatter
             theory, tests = float(np.sqrt(variance_of_mean([length], sd, rho)[0])), good.size * (_RUN - 1)
-        mean = miss.mean(axis=0)
-        scale = max(theory, 1.4826 * float(np.median(np.abs(mean))))
+        size = np.abs(mean)
+        scale = max(theory, 1.4826 * float(np.median(size)))
         limit = max(float(norm.isf(0.25 * FALSE_ALARM / tests)) * scale, 3.0 * resolution)
-        each = (np.sign(mean) * miss).min(axis=0) > _EACH_ROW * np.abs(mean)
-        # rows that would not be told from noise one by one: after an edge that has no like they may be what it does
-        weak = np.abs(miss).min(axis=0) < float(norm.isf(0.25 * FALSE_ALARM / good.size)) * sd
-        places = np.flatnonzero(each & (np.abs(mean) > limit)) + 1
+        places = np.flatnonzero(size > limit) + 1
         places = places[(places >= _PAD) & (places + length <= x.size - _PAD)]
-        for at in places[_alone(around, places, length, limit, sd)]:
+        mean = mean[places - 1]
+        miss = mean[:, None] if length == 1 else x[places[:, None] + np.arange(length)]
+        each = (np.sign(mean)[:, None] * miss).min(axis=1) > _EACH_ROW * np.abs(mean)
+        # rows that would not be told from noise one by one: after an edge that has no like they may be what it does
+        weak = np.abs(miss).min(axis=1) < float(norm.isf(0.25 * FALSE_ALARM / good.size)) * sd
+        places, weak = places[each], weak[each]
+        alone = _alone(around, places, length, limit, sd)
+        for at, faint in zip(places[alone], weak[alone], strict=True):
             rows = good[at - _PAD : at + length - _PAD]
             if not out[rows].any() and not _returns(
-                r, int(rows[0]), length, step, t, back, elsewhere, bool(length > 1 and weak[at - 1])
+                r, int(rows[0]), length, step, t, back, elsewhere, bool(length > 1 and faint)
             ):
                 out[rows] = True
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
@@ -145,12 +150,20 @@ class _Surroundings:
 
     def __init__(self, x: Array) -> None:
         self.x = x
-        #: medians of three and six rows, straight lines through nine, by the first row
-        self.three = np.median(sliding_window_view(x, 3), axis=1)
-        self.six = np.median(sliding_window_view(x, _AROUND), axis=1)
-        nine = sliding_window_view(x, _PAD)
+
+    def three(self, first: NDArray[np.int64]) -> Array:
+        """Medians of three rows, by the first of them (k,)."""
+        return _middle(*(self.x[first + k] for k in range(3)))
+
+    def six(self, first: NDArray[np.int64]) -> Array:
+        """Medians of six rows, by the first of them (k,)."""
+        return np.asarray(np.median(self.x[first[:, None] + np.arange(_AROUND)], axis=1))
+
+    def line(self, first: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Middles and slopes of straight lines through nine rows, by the first of them (k,)."""
+        nine = self.x[first[:, None] + np.arange(_PAD)]
         centred = np.arange(_PAD) - 0.5 * (_PAD - 1)
-        self.level, self.slope = nine.mean(axis=1), nine @ centred / float(centred @ centred)
+        return nine.mean(axis=1), nine @ centred / float(centred @ centred)
 
     def second(self, at: NDArray[np.int64], length: int, before: Array, after: Array) -> Array:
         """Second largest of the six rows on either side of runs, off the levels before and after (k,)."""
@@ -162,17 +175,17 @@ class _Surroundings:
 
 def _alone(around: _Surroundings, at: NDArray[np.int64], length: int, limit: float, sd: float) -> NDArray[np.bool_]:
     """Which runs (k,) stand out of what lies before and after them. sd: of the noise."""
-    three = around.three
     mean = np.mean([around.x[at + k] for k in range(length)], axis=0)
     if length == 1:
-        left, right = three[at - 3], three[at + 1]
-        ahead, behind = left + (left - three[at - 6]) * 2.0 / 3.0, right + (right - three[at + 4]) * 2.0 / 3.0
+        left, right = around.three(at - 3), around.three(at + 1)
+        ahead = left + (left - around.three(at - 6)) * 2.0 / 3.0
+        behind = right + (right - around.three(at + 4)) * 2.0 / 3.0
     else:  # a run says more than one reading, and may be held against more
-        left, right = around.six[at - _AROUND], around.six[at + length]
+        left, right = around.six(at - _AROUND), around.six(at + length)
         # from the middle of the lines to that of the run
         far = 0.5 * (length + _PAD)
-        ahead = around.level[at - _PAD] + far * around.slope[at - _PAD]
-        behind = around.level[at + length] - far * around.slope[at + length]
+        (level, slope), (next_level, next_slope) = around.line(at - _PAD), around.line(at + length)
+        ahead, behind = level + far * slope, next_level - far * next_slope
     sign = np.where(around.x[at] > 0.5 * (left + right), 1.0, -1.0)
     size = sign * mean - np.maximum(sign * left, sign * right)
     kinked = np.minimum(sign * (mean - ahead), sign * (mean - behind)) >= _KINK * size
@@ -246,7 +259,7 @@ def _shown(r: Array, rows: NDArray[np.int64], weight: Array, length: int, own: f
     if rows.size == 0:
         return np.empty(0)
     # an answer to the input may shift by a sample
-    shown = np.max(np.sign(own) * np.stack([_level(r, rows + k, length) for k in (-1, 0, 1)]), axis=0)
+    shown = np.max(np.sign(own) * _level(r, rows + np.array([[-1], [0], [1]]), length), axis=0)
     return np.where(np.isfinite(shown), shown, 0.0) / (abs(own) * weight)
 
 
@@ -273,9 +286,14 @@ def _in_recordings(found: Sequence[Array]) -> bool:
 
 def _level(r: Array, rows: NDArray[np.int64], length: int) -> Array:
     """Mean of the run at each of the rows, less the medians of three rows before and after; nan bridged."""
-    clip = lambda k: np.clip(rows + k, 0, r.size - 1)  # noqa: E731
-    sides = np.stack([r[clip(k)] for k in (-3, -2, -1, length, length + 1, length + 2)])
+    at = np.clip(np.arange(-3, length + 3).reshape(-1, *[1] * rows.ndim) + rows, 0, r.size - 1)
+    x = r[at]
     with np.errstate(invalid="ignore"):
-        run = np.mean(np.stack([r[clip(k)] for k in range(length)]), axis=0)
-    base = 0.5 * (np.median(sides[:3], axis=0) + np.median(sides[3:], axis=0))
+        run = x[3:-3].mean(axis=0)
+    base = 0.5 * (_middle(*x[:3]) + _middle(*x[-3:]))
     return np.where(np.isfinite(base), run - base, run)
+
+
+def _middle(x: Array, y: Array, z: Array) -> Array:
+    """Medians of three, nan where one of them is."""
+    return np.asarray(np.maximum(np.minimum(x, y), np.minimum(np.maximum(x, y), z)))
