@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.checks import check_columns
+from bayes_dea.campaign.gaps import gap_warnings
 from bayes_dea.campaign.plausibility import OVERRIDE, check_plausible
 from bayes_dea.campaign.schema import HOLDS, ROLES, Actuator, Campaign, Recording, Sensor
 from bayes_dea.campaign.settings import check_geometry, choice, parse_conventions
@@ -83,9 +84,9 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     used = parse_conventions(conventions or {}, name)
     _refuse_duplicates(found)
     collected = list(warnings)
+    places = list(where) if where is not None else [_row] * len(found)
     for i, recording in enumerate(found):
-        place = where[i] if where is not None else (lambda k: f"row {k + 1}")
-        collected += check_plausible(recording, sensors, place, strict=used["plausibility"] == "error")
+        collected += check_plausible(recording, sensors, places[i], strict=used["plausibility"] == "error")
         earlier = [r for r in found[:i] if r.specimen == recording.specimen]
         if not recording.rested and not earlier:
             raise InputError(f"{recording.name}: rested = false, but no recording of specimen "
@@ -94,7 +95,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     together = check_statements(found, sensors or {}) + check_specimens(found, sensors or {})
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
-    collected += together + check_time_units(found)
+    collected += together + check_time_units(found) + gap_warnings(found, places)
     if not any(r.role == "validate" for r in found) and len(found) > 1:
         collected.append('No recording has role = "validate": predictions cannot be checked on recordings '
                          'that no fit has seen. Set aside one or two.')
@@ -104,6 +105,10 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
         ambient=MappingProxyType(dict(ambient or {})), share=None if share is None else tuple(share),
         meta=MappingProxyType(dict(meta or {})), conventions=MappingProxyType(used), inputs=tuple(inputs),
         warnings=tuple(dict.fromkeys(collected)))
+
+
+def _row(k: int) -> str:
+    return f"row {k + 1}"
 
 
 def _refuse_duplicates(recordings: Sequence[Recording]) -> None:

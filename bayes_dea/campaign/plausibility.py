@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.checks import first_row
-from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
@@ -60,7 +59,6 @@ def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None =
     if "position_m" in recording.columns:
         _mechanical(recording, problems, warnings)
     _temperature(recording, problems)
-    _gaps(recording, warnings, where)
     if problems and strict:
         raise InputError(f"{problems[0]} {OVERRIDE}")
     return problems + warnings
@@ -388,21 +386,6 @@ def _temperature(r: Recording, problems: list[str]) -> None:
         elif coldest < -273.15 or hottest > 500.0:
             problems.append(f"{r.name}: temperature_C lies between {coldest:g} and {hottest:g}. Check its "
                             "unit.")
-
-
-def _gaps(r: Recording, warnings: list[str], where: Callable[[int], str]) -> None:
-    for name, values in r.columns.items():
-        first, every = reading_every(values) if name == r.output else (0, 1)
-        own = np.isnan(values[first::every])  # of a sensor that is read at every k-th row the others are no gaps
-        gaps = first + every * np.flatnonzero(own)
-        if gaps.size == 0:
-            continue
-        of = "rows" if every == 1 else f"readings, one every {every} rows"
-        text = (f"{r.name}: {name} has {_times(gaps.size, 'gap')} in {own.size} {of} "
-                f"({100.0 * gaps.size / own.size:.2g} %), the first at {where(int(gaps[0]))}")
-        if name in ("voltage_V", "position_m") and name != r.output:
-            text += "; what drove the actuator there is not known. Fill them in if the command is known"
-        warnings.append(text + ".")
 
 
 def _times(count: int, what: str) -> str:

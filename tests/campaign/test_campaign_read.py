@@ -113,6 +113,36 @@ def test_gaps_stay_nan_and_are_told(folder, data, as_csv):
     assert any("displacement_m has 3 gaps" in w and "row 6" in w for w in campaign.warnings)
 
 
+def test_gaps_of_many_recordings_are_told_in_one_line(folder, data, as_csv):
+    columns, files = data(), {}
+    n = columns["time_s"].size
+    for k in range(5):
+        own = {c: v.copy() for c, v in columns.items()}
+        own["displacement_m"] *= 1.0 + 0.01 * k
+        own["displacement_m"][10 : 10 + 2 * k] = np.nan  # none in the first
+        files[f"c{k}.csv"] = as_csv(own)
+    text = "".join(CREEP.replace("creep.csv", f"c{k}.csv") for k in range(5))
+    told = [w for w in load_campaign(folder(text, files)).warnings if "gap" in w]
+    assert len(told) == 1
+    assert told[0].startswith("displacement_m has 20 gaps in 4 recordings (")
+    assert f"the most in c4.csv: 8 in {n} rows" in told[0]
+    assert "the first at row 12; c3.csv: 6 in" in told[0]
+    assert "c1.csv" not in told[0]
+
+
+def test_gaps_of_a_command_are_told_one_by_one(folder, data, as_csv):
+    columns, files = data(), {}
+    for k in range(4):
+        own = {c: v.copy() for c, v in columns.items()}
+        own["displacement_m"] *= 1.0 + 0.01 * k
+        own["voltage_V"][20 + k] = np.nan
+        files[f"c{k}.csv"] = as_csv(own)
+    text = "".join(CREEP.replace("creep.csv", f"c{k}.csv") for k in range(4))
+    told = [w for w in load_campaign(folder(text, files)).warnings if "gap" in w]
+    assert len(told) == 4
+    assert all("what drove the actuator there is not known" in w for w in told)
+
+
 def test_rows_between_the_readings_of_a_slow_sensor_are_no_gaps(folder, data, as_csv):
     columns = data()
     y = np.full(columns["displacement_m"].size, np.nan)
