@@ -1,5 +1,6 @@
 """The search for where: its false-alarm rate under the null, and its power against a small coherent error."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,17 @@ from bayes_dea.gauss_newton.problem import Problem
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.where import locate
 from bayes_dea.mismatch.where.features import excitation, features
-from bayes_dea.mismatch.where.locate import FAMILY_WISE, Residuals, _scan, is_adequate, places_of, residuals, scan
+from bayes_dea.mismatch.where.locate import (
+    FAMILY_WISE,
+    Residuals,
+    Window,
+    _apart,
+    _scan,
+    is_adequate,
+    places_of,
+    residuals,
+    scan,
+)
 from bayes_dea.noise.blocks import block_means
 
 
@@ -153,3 +164,28 @@ def test_what_is_refuted_beyond_doubt_draws_nothing(base, monkeypatch):
         assert (found.p_value > 1e-3) is not refuted
         # two judgements of one fit are one
         assert scan(again, rng, places).p_value == found.p_value
+
+
+def test_intervals_that_are_told_touch_none_that_is_stronger():
+    rng = np.random.default_rng(4)
+    start = rng.integers(0, 60, 400) / 4.0  # on a lattice: many end where another begins
+    hits = [
+        (float(i), Window("time", int(rng.integers(3)), "", t, t + float(rng.integers(1, 6)) / 4.0, ""))
+        for i, t in enumerate(start)
+    ]
+    by_hand = []
+    for strength, w in hits:
+        if all(w.piece != v.piece or w.t1_s < v.t0_s or w.t0_s > v.t1_s for _, v in by_hand):
+            by_hand.append((strength, w))
+    assert 3 < len(by_hand) < 100
+    assert _apart(hits) == by_hand
+
+
+def test_a_recording_full_of_intervals_is_told_at_once():
+    """Forty thousand of them took minutes where each was held against all before it."""
+    hits = [(1.0, Window("time", 0, "", 0.01 * i, 0.01 * i + 0.005, "")) for i in range(40_000)]
+    rng = np.random.default_rng(5)
+    hits = [hits[i] for i in rng.permutation(len(hits))]
+    began = time.process_time()
+    assert len(_apart(hits)) == len(hits)
+    assert time.process_time() - began < 5.0

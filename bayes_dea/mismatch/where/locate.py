@@ -10,9 +10,11 @@ need as many draws. Davison & Hinkley 1997, doi:10.1017/CBO9780511802843, ch. 4.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -447,12 +449,8 @@ def where(fit: Fit, found: Scan, looks: list[Features]) -> list[dict[str, Any]]:
         if w.family == "time" and abs(found.z[k]) > found.threshold
     ]
     hits.sort(key=lambda h: (-h[0] / math.sqrt(max(h[1].t1_s - h[1].t0_s, 1e-3)), h[1].t0_s))
-    kept: list[tuple[float, Window]] = []
-    for strength, w in hits:
-        if all(w.piece != other.piece or w.t1_s < other.t0_s or w.t0_s > other.t1_s for _, other in kept):
-            kept.append((strength, w))
     out = []
-    for strength, w in sorted(kept, key=lambda h: -h[0])[:_TOLD]:
+    for strength, w in sorted(_apart(hits), key=lambda h: -h[0])[:_TOLD]:
         piece, f = fit.problem.pieces[w.piece], looks[w.piece]
         inside = (f.time_s >= w.t0_s) & (f.time_s <= w.t1_s)
         out.append(
@@ -465,6 +463,19 @@ def where(fit: Fit, found: Scan, looks: list[Features]) -> list[dict[str, Any]]:
             }
         )
     return out
+
+
+def _apart(hits: Sequence[tuple[float, Window]]) -> list[tuple[float, Window]]:
+    """Those windows that touch none before them of their recording: a recording may be full of them."""
+    kept: list[tuple[float, Window]] = []
+    taken: dict[int, list[tuple[float, float]]] = {}  # by piece, in order of time
+    for strength, w in hits:
+        others = taken.setdefault(w.piece, [])
+        at = bisect_right(others, w.t1_s, key=itemgetter(0))
+        if at == 0 or others[at - 1][1] < w.t0_s:
+            others.insert(at, (w.t0_s, w.t1_s))
+            kept.append((strength, w))
+    return kept
 
 
 def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
