@@ -19,7 +19,7 @@ from ..assemble import Assembled
 from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
 from ..latest import Latest
 from ..likelihood.linear_group import nuisance_sd
-from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, fewer, read_at
+from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, enough_for, fewer, is_fine, read_at
 from ..likelihood.position_scatter import at_rest, stiffness
 from ..likelihood.prepare import Prepared
 from ..models.electrostatics import filled_input
@@ -103,9 +103,7 @@ class Piece:
 
     def reading(self, plant: Plant) -> Reading:
         """The nodes that a plant needs for what is compared with readings."""
-        if self.few is not None and plant.is_smooth:
-            return self.few
-        return self.every
+        return enough_for(plant, self.every, self.few, self._is_fine)
 
     def nearby_reading(
         self, plant: Plant, known: Plant, to_look: bool = False, corners_stay: bool = False
@@ -125,6 +123,10 @@ class Piece:
             return fine
         onto = self._onto_few if fine is self.few else self._onto_every
         return Spread(fine.where, fine.averaging, known, _nodes_of(self.rough), onto, self.past)
+
+    @cached_property
+    def _is_fine(self) -> bool:
+        return is_fine(self.prepared)
 
     @cached_property
     def _onto_every(self) -> csr_matrix:

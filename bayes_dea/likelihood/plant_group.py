@@ -19,7 +19,7 @@ from ..forward import imposed_path, memory
 from ..models.model import Model
 from ..models.nodes import Nodes, make_nodes, past_nodes
 from ..models.path import Path
-from ..models.plant import plant_of
+from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
 from ..noise.blocks import Blocks, BlockSettings
 from ..noise.stated import NoiseTerms
@@ -28,6 +28,9 @@ from .prepare import Prepared, RateClasses
 
 Array = NDArray[np.float64]
 
+#: what lines of many rows may miss of an answer that comes late (`Plant.is_unhurried`), as a share of the stroke, rms;
+#: nats of a recording from which on that counts, and share of readings at either end that are no part of a stroke
+_MISSED, _COUNTS, _ASIDE = 1.5e-5, 0.5, 0.005
 #: blocks of a command: finer than of a smooth law, because an effect in time lives within a few samples of an edge
 COMMAND_BLOCKS = BlockSettings(single_after_edge=60, input_share=0.02)
 
@@ -53,7 +56,7 @@ def averaging(nodes: Nodes | Path, time_s: Array, blocks: Blocks, observed: NDAr
     matrix = csr_matrix((blocks.n, nodes.row.size))
     for part in pieces(total, PIECE):
         block, rows = rows_of(part)
-        if isinstance(nodes, Nodes) and nodes.is_rough:
+        if isinstance(nodes, Nodes) and nodes.corners is not None:
             at, weights = smooth(nodes, time_s, rows)
         else:
             at, weights = straight(nodes, time_s, rows)
@@ -116,6 +119,22 @@ def read_at(nodes: Nodes, recording: Recording, blocks: Blocks, observed: NDArra
     return Reading(nodes, averaging(nodes, recording.time_s, blocks, observed))
 
 
+def is_fine(p: Prepared) -> bool:
+    """Whether readings are so fine, or so many, that they would show what lines of many rows miss."""
+    y = p.y[p.observed]
+    if y.size == 0 or not p.quiet_sd > 0.0:
+        return False
+    stroke = float(np.subtract(*np.quantile(y, [1.0 - _ASIDE, _ASIDE])))
+    return bool(0.5 * y.size * (_MISSED * stroke / p.quiet_sd) ** 2 > _COUNTS)
+
+
+def enough_for(plant: Plant, every: Reading, few: Reading | None, fine: bool) -> Reading:
+    """The nodes that a plant needs for what is compared with readings; fine: see `is_fine`."""
+    if few is None or not plant.is_smooth or (fine and not plant.is_unhurried):
+        return every
+    return few
+
+
 def fewer(
     nodes: Nodes, recording: Recording, blocks: Blocks, observed: NDArray[np.bool_]
 ) -> Reading | None:
@@ -130,11 +149,12 @@ def fewer(
 class PlantRecord(BlockRecord):
     """A block record with the nodes of its chain, or the path of the plates that drives it.
 
-    few: fewer nodes, enough for a model whose answer to a smooth command is smooth.
+    few: fewer nodes, enough for a model whose answer to a smooth command is smooth (`enough_for`, with `fine`).
     """
 
     every: Reading | None = None
     few: Reading | None = None
+    fine: bool = False
     past: Nodes | None = None
 
 
@@ -155,8 +175,8 @@ class PlantGroup(BlockGroup):
         out = np.empty((B, record.blocks.n))
         for b in range(B):
             plant = plant_of(model, {k: float(v[b]) for k, v in values.items()}, r.actuator)
-            reading = record.few if record.few is not None and plant.is_smooth else record.every
-            assert reading is not None
+            assert record.every is not None
+            reading = enough_for(plant, record.every, record.few, record.fine)
             where = reading.where
             if isinstance(where, Nodes):
                 answer = simulate_nodes(plant, where, record.past)
@@ -187,6 +207,7 @@ def build_plant_groups(
             if r.is_voltage:
                 where = nodes = make_nodes(r)
                 own["few"] = fewer(nodes, r, blocks, observed)
+                own["fine"] = is_fine(record.prepared)
                 own["past"] = past_nodes(memory(recordings, r), r, lines=True)
             else:
                 where = imposed_path(r, blocks)

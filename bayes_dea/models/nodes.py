@@ -19,7 +19,7 @@ from ..campaign.schema import Recording
 from ..latest import Latest
 from .electrostatics import filled_input
 from .lags import even_step
-from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines
+from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines, turns
 from .steps import Steps
 
 #: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
@@ -37,8 +37,9 @@ class Nodes:
     temperature_C (m,) or None; step_s: the common time step of the rows, 0 where they are uneven. lines_V (2, m) V:
     start and end of the command in the interval that ends at each node, where `volts` and `hold` do not say it.
     unread: nodes at which the output is to be read off straight between their neighbours. corners (k,): nodes at which
-    the command jumps or kinks, of nodes so few that the output is to be read off as smooth between them. zero_m: of the
-    sensor in this recording, where the end of its range is a reading and not a displacement.
+    the command jumps, kinks or turns, of nodes that leave out rows in which it moves: between them the output is to be
+    read off as smooth. is_rough: whether they are few (`rough_nodes`). zero_m: of the sensor in this recording, where
+    the end of its range is a reading and not a displacement.
     """
 
     time_s: NDArray[np.float64]
@@ -51,17 +52,13 @@ class Nodes:
     lines_V: NDArray[np.float64] | None = field(default=None, repr=False)
     unread: NDArray[np.int64] | None = field(default=None, repr=False)
     corners: NDArray[np.int64] | None = field(default=None, repr=False)
+    is_rough: bool = False
     zero_m: float = 0.0
 
     @property
     def size(self) -> int:
         """Number of nodes."""
         return int(self.row.size)
-
-    @property
-    def is_rough(self) -> bool:
-        """Whether they are few (`rough_nodes`)."""
-        return self.corners is not None
 
     @cached_property
     def answers(self) -> Latest[NDArray[np.float64]]:
@@ -178,7 +175,9 @@ def make_nodes(
     out = Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
     if slow is None:
         return out
-    return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread)
+    # friction and softening may kink where a command turns
+    bends = np.searchsorted(row, np.union1d(corners(volts), turns(volts)))
+    return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread, corners=bends)
 
 
 def rough_nodes(recording: Recording) -> Nodes:
@@ -187,7 +186,8 @@ def rough_nodes(recording: Recording) -> Nodes:
     The output is smooth between its corners, and is to be read off as that.
     """
     nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0)
-    return replace(nodes, corners=np.searchsorted(nodes.row, corners(_held_until(recording))))
+    bends = np.searchsorted(nodes.row, corners(_held_until(recording)))
+    return replace(nodes, corners=bends, is_rough=True)
 
 
 def _held_until(recording: Recording) -> NDArray[np.float64]:

@@ -90,11 +90,28 @@ def slow_lines(
 
 
 def corners(volts: Array) -> NDArray[np.int64]:
-    """Rows (k,) at which a command (n,) V jumps or kinks: it bends there far more than before and after."""
+    """Rows (k,) at which a command (n,) V jumps or kinks: it bends there far more than before and after.
+
+    A kink between two rows bends at both.
+    """
     bend = _bend(volts)
     beside = np.pad(bend, 2)
     beside = np.maximum(beside[:-4], beside[4:])
-    return np.flatnonzero(bend > np.maximum(_KINK * np.max(np.abs(volts)), _SHARP * beside))
+    least = _KINK * np.max(np.abs(volts))
+    out = bend > np.maximum(least, _SHARP * beside)
+    both = bend[:-1] + bend[1:]
+    around = np.pad(bend, 2)
+    around = np.maximum(around[: both.size], around[5:][: both.size])  # two rows before the first, two after the second
+    split = (both > np.maximum(least, 2.0 * _SHARP * around)) & (np.minimum(bend[:-1], bend[1:]) > 0.1 * both)
+    out[:-1] |= split
+    out[1:] |= split
+    return np.flatnonzero(out)
+
+
+def turns(volts: Array) -> NDArray[np.int64]:
+    """Rows (k,) at which a command (n,) V turns, or begins or ceases to move."""
+    change = np.sign(np.diff(volts))
+    return np.flatnonzero(change[1:] != change[:-1]) + 1
 
 
 def _bend(volts: Array) -> Array:
