@@ -232,10 +232,7 @@ class Problem:
 
     def rows(self, q: Array) -> list[Array]:
         """The same at every row of the recordings (n,)."""
-        return [
-            np.interp(p.recording.time_s, reading.where.time_s, x)
-            for p, (reading, x) in zip(self.pieces, self._outputs(q), strict=True)
-        ]
+        return [p.at_rows(reading, x) for p, (reading, x) in zip(self.pieces, self._outputs(q), strict=True)]
 
     def plants(self, q: Array) -> list[Plant]:
         """The model at q as a plant, by piece."""

@@ -29,7 +29,7 @@ from ..models.plant import Plant
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from .journal import digest
-from .spread import Spread, smooth_lines
+from .spread import Spread, read_off, smooth_lines
 
 if TYPE_CHECKING:
     from ..campaign.schema import Recording
@@ -123,6 +123,17 @@ class Piece:
             return fine
         onto = self._onto_few if fine is self.few else self._onto_every
         return Spread(fine.where, fine.averaging, known, _nodes_of(self.rough), onto, self.past)
+
+    def at_rows(self, reading: Reading, values: Array) -> Array:
+        """Values at the nodes of a `reading` of it at every row (n,), read off as its block means are."""
+        if reading is self.few and _nodes_of(reading).corners is not None:
+            return np.asarray(self._few_onto_rows @ values)
+        return np.interp(self.recording.time_s, reading.where.time_s, values)
+
+    @cached_property
+    def _few_onto_rows(self) -> csr_matrix:
+        time_s = self.recording.time_s
+        return read_off(_nodes_of(self.few), time_s, np.arange(time_s.size))
 
     @cached_property
     def _is_fine(self) -> bool:

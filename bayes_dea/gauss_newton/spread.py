@@ -46,6 +46,11 @@ class Spread(Reading):
 
 def smooth_lines(few: Nodes, where: Nodes, time_s: Array) -> csr_matrix:
     """Matrix (m, nodes of few) that reads values at few nodes as smooth at others (m) of the same recording."""
-    at, weights = smooth(few, time_s, where.row)
-    places = np.tile(np.arange(where.size), len(at)), at.ravel()
-    return csr_matrix((weights.ravel(), places), shape=(where.size, few.size))
+    return read_off(few, time_s, where.row)
+
+
+def read_off(few: Nodes, time_s: Array, rows: NDArray[np.int64]) -> csr_matrix:
+    """Matrix (m, nodes of few) that reads values at few nodes as smooth at rows (m,) of their recording."""
+    at, weights = smooth(few, time_s, rows)
+    places = np.tile(np.arange(rows.size), len(at)), at.ravel()
+    return csr_matrix((weights.ravel(), places), shape=(rows.size, few.size))

@@ -54,3 +54,32 @@ def test_what_is_made_of_a_piece_keeps_its_few_nodes(assembled):
         assert other.few.where.size < 0.25 * other.nodes.size
         # weights of every block sum to one
         np.testing.assert_allclose(other.few.averaging.sum(axis=1), 1.0, rtol=0, atol=1e-12)
+
+
+def test_rows_are_read_off_few_nodes_as_their_means_are(assembled):
+    """To a nanometre of what every row gives: straight between few nodes it would be ten."""
+    model = build_model("hooke+gm2")
+    problem = Problem.of(assembled, model, reduce_campaign(assembled))
+    every = replace(problem, pieces=tuple(replace(p, few=None) for p in problem.pieces))
+    middle = model.priors.transform(np.full((1, model.dimension), 0.5))
+    q = np.concatenate([model.from_prior_coordinates(middle)[0], problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    (_, few), (_, full) = problem.rows(q), every.rows(q)
+    reading, answer = problem._outputs(q)[1]
+    straight = np.interp(problem.pieces[1].recording.time_s, reading.where.time_s, answer)
+    size = np.ptp(full)
+    assert np.abs(few - full).max() < 1e-5 * size
+    assert np.abs(straight - full).max() > 3e-5 * size
+    (_, means), (_, known) = problem.clean(q), every.clean(q)
+    assert np.abs(means - known).max() < 1e-5 * size
+
+
+def test_a_sensor_that_is_fine_has_every_row_of_what_comes_late(assembled):
+    pieces = reduce_campaign(assembled)
+    fine = tuple(replace(p, prepared=replace(p.prepared, quiet_sd=1e-8)) for p in pieces)
+    model = build_model("hooke+gm2+series_resistance")
+    q = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
+    for made, all_rows in ((pieces, False), (fine, True)):
+        problem = Problem.of(assembled, model, made)
+        at = np.concatenate([q, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+        reading, _ = problem._outputs(at)[1]
+        assert (reading.where is made[1].nodes) is all_rows
