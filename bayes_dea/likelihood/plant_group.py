@@ -21,6 +21,7 @@ from ..models.nodes import Nodes, make_nodes, past_nodes
 from ..models.path import Path
 from ..models.plant import Plant, plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..models.slow_lines import AHEAD
 from ..noise.blocks import Blocks, BlockSettings
 from ..noise.stated import NoiseTerms
 from .block_group import BlockGroup, BlockRecord, build_block_groups
@@ -129,10 +130,14 @@ def is_fine(p: Prepared) -> bool:
 
 
 def enough_for(plant: Plant, every: Reading, few: Reading | None, fine: bool) -> Reading:
-    """The nodes that a plant needs for what is compared with readings; fine: see `is_fine`."""
+    """The nodes that a plant needs for what is compared with readings; fine: see `is_fine`.
+
+    Readings that lead their command show its corners before few nodes look for them.
+    """
     if few is None or not plant.is_smooth or (fine and not plant.is_unhurried):
         return every
-    return few
+    assert isinstance(few.where, Nodes)
+    return every if -plant.T_d_s > (AHEAD - 1) * few.where.step_s else few
 
 
 def fewer(

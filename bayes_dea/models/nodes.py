@@ -19,7 +19,7 @@ from ..campaign.schema import Recording
 from ..latest import Latest
 from .electrostatics import filled_input
 from .lags import even_step
-from .slow_lines import FINE, ROUGH, LineSettings, corners, slow_lines, turns
+from .slow_lines import AHEAD, FINE, ROUGH, LineSettings, corners, slow_lines, turns
 from .steps import Steps
 
 #: lengths of coarse steps in rows grow by this factor, so that neighbouring steps share their coefficients
@@ -175,8 +175,11 @@ def make_nodes(
     out = Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
     if slow is None:
         return out
-    # friction and softening may kink where a command turns
-    bends = np.searchsorted(row, np.union1d(corners(volts), turns(volts)))
+    # friction and softening may kink where a command turns, and readings that lead it show its corners rows before
+    ahead = np.append(corners(volts), n - 1)[:, None] - np.arange(AHEAD + 1)
+    bends = np.union1d(np.clip(ahead, 0, n - 1), turns(volts))
+    read = np.delete(row, slow.unread)
+    bends = np.searchsorted(row, bends[np.isin(bends, read)])
     return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread, corners=bends)
 
 

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 _JUMP = 5e-3
 #: the same for a kink, and how many times more than two rows before and after the command bends there
 _KINK, _SHARP = 1.5e-4, 4.0
+#: rows that are kept before a corner of a command; readings may lead it by one less
+AHEAD = 3
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,8 @@ class LineSettings:
     bend: share of a command's largest size up to which it is smooth where it bends from row to row. missed: the same by
     which a line may miss its rows. change: of the command within a group, as a share of its largest size: the square of
     it, read off straight, is out by a sixth of the square of this on average. after_jump_s, after_kink_s (s): time in
-    which every row is kept. since: share of the time since either that a group lasts. fewest: rows of a group, last:
-    held rows at its end.
+    which every row is kept, ahead: rows before either that are, too: readings that lead their command show it in them.
+    since: share of the time since either that a group lasts. fewest: rows of a group, last: held rows at its end.
     """
 
     bend: float = 1e-4
@@ -40,6 +42,7 @@ class LineSettings:
     after_jump_s: float = 0.3
     after_kink_s: float = 0.1
     since: float = 0.05
+    ahead: int = AHEAD
     fewest: int = 12
     last: int = 2
 
@@ -48,7 +51,7 @@ class LineSettings:
 FINE = LineSettings()
 #: enough for what a small change of the parameters changes: to thousandths of it, at worst a few hundredths
 ROUGH = LineSettings(
-    bend=_JUMP, missed=3e-3, change=0.15, after_jump_s=0.01, after_kink_s=0.005, since=0.5, fewest=6
+    bend=_JUMP, missed=3e-3, change=0.15, after_jump_s=0.01, after_kink_s=0.005, since=0.5, ahead=0, fewest=6
 )
 
 
@@ -136,13 +139,20 @@ def _room(volts: Array, largest: float, step_s: float, settings: LineSettings) -
     turns[1:-1] |= change[1:] * change[:-1] <= 0.0
     since_jump = at - np.maximum.accumulate(np.where(jump, at, 0))
     since = at - np.maximum.accumulate(np.where(rough, at, 0))
-    until = np.minimum.accumulate(np.where(turns, at, n)[::-1])[::-1]
-    until = np.append(until[1:], n - 1)  # a group may begin at a turn
+    # a group may begin at a turn
+    until = np.minimum(_next(turns), _next(rough) - settings.ahead)
     out = np.minimum((settings.since * since).astype(np.int64), until - at)
     out[(since_jump * step_s < settings.after_jump_s) | (since * step_s < settings.after_kink_s)] = 0
     speed = np.abs(np.append(change, 0.0))
     out = np.minimum(out, np.minimum(settings.change * largest / np.maximum(speed, 1e-300), 1e9).astype(np.int64))
     return np.asarray(out)
+
+
+def _next(marks: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The next marked row (n,) behind each row, the last one where there is none."""
+    n = marks.size
+    following = np.minimum.accumulate(np.where(marks, np.arange(n), n)[::-1])[::-1]
+    return np.append(following[1:], n - 1)
 
 
 @njit(cache=True)

@@ -77,6 +77,27 @@ def test_a_model_without_effects_is_known_to_a_third_of_a_nanometre(volts, hold)
         assert np.abs(gap).max() < 2e-9
 
 
+@pytest.mark.parametrize("early_s", [0.00098, 0.002])
+@pytest.mark.parametrize("volts", [SINE, TRIANGLE], ids=["sine", "triangle"])
+def test_readings_that_lead_their_command(volts, early_s):
+    """A corner shows before the row that commands it: of a wave's end at 0 V half a stroke, over a whole group of rows.
+
+    What leads by more is worked out at every row.
+    """
+    ended = np.where(T < 20.3, volts, 0.0)
+    r = recording(ended)
+    full, few = make_nodes(r), make_nodes(r, lines=True)
+    assert few.size < 0.25 * full.size
+    for plant in plants("acquisition_delay", T_d_s=-early_s):
+        assert plant.is_smooth
+        gap = at_rows(few, simulate_nodes(plant, few)) - at_rows(full, simulate_nodes(plant, full))
+        assert np.abs(gap).max() < 0.02 * UM
+        assert np.sqrt(np.mean(gap**2)) < 0.006 * UM
+        all_rows, some = Reading(full, None), Reading(few, None)
+        assert enough_for(plant, all_rows, some, fine=False) is some
+        assert enough_for(replace(plant, T_d_s=-0.0021), all_rows, some, fine=False) is all_rows
+
+
 @pytest.mark.parametrize("hold", ["start", "linear"])
 def test_other_holds(hold):
     r = recording(SINE, hold)
