@@ -40,7 +40,8 @@ class _Gaps:
 
     def told(self) -> str:
         """One line."""
-        text = f"{self.recording}: {self.column} has {_times(self.count)} in {self.size}, the first at {self.first}"
+        many = times(self.count, "gap")
+        text = f"{self.recording}: {self.column} has {many} in {self.size}, the first at {self.first}"
         if self.drives:
             text += "; what drove the actuator there is not known. Fill them in if the command is known"
         return text + "."
@@ -75,9 +76,10 @@ def _together(own: Sequence[_Gaps]) -> str:
     count, of = sum(g.count for g in own), sum(g.of for g in own)
     most = sorted(own, key=lambda g: -g.share)[:_NAMED]
     named = "; ".join(f"{g.recording}: {g.count} in {g.size}, the first at {g.first}" for g in most)
-    return (f"{own[0].column} has {_times(count)} in {len(own)} recordings ({100.0 * count / of:.2g} % of their "
+    return (f"{own[0].column} has {times(count, 'gap')} in {len(own)} recordings ({100.0 * count / of:.2g} % of their "
             f"readings), the most in {named}.")
 
 
-def _times(count: int) -> str:
-    return f"{count} gap" + ("" if count == 1 else "s")
+def times(count: int, what: str) -> str:
+    """Such as "1 gap" or "3 gaps"."""
+    return f"{count} {what}" + ("" if count == 1 else "s")

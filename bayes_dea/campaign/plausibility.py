@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.checks import first_row
+from bayes_dea.campaign.gaps import times
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
@@ -118,7 +119,7 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
     holes = _holes(time, median)
     if holes.size:
         first = int(holes[0])
-        warnings.append(f"{r.name}: time_s has {_times(holes.size, 'hole')} longer than ten steps, the first "
+        warnings.append(f"{r.name}: time_s has {times(holes.size, 'hole')} longer than ten steps, the first "
                         f"({time[first + 1] - time[first]:.4g} s) before {where(first + 1)}; nothing is known in "
                         "between.")
     elif median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01:
@@ -386,7 +387,3 @@ def _temperature(r: Recording, problems: list[str]) -> None:
         elif coldest < -273.15 or hottest > 500.0:
             problems.append(f"{r.name}: temperature_C lies between {coldest:g} and {hottest:g}. Check its "
                             "unit.")
-
-
-def _times(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")

@@ -29,7 +29,7 @@ from ..models.plant import Plant
 from ..noise.blocks import Blocks, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from .journal import digest
-from .spread import Spread, read_off, smooth_lines
+from .spread import Spread, read_off
 
 if TYPE_CHECKING:
     from ..campaign.schema import Recording
@@ -126,7 +126,7 @@ class Piece:
 
     def at_rows(self, reading: Reading, values: Array) -> Array:
         """Values at the nodes of a `reading` of it at every row (n,), read off as its block means are."""
-        if reading is self.few and _nodes_of(reading).corners is not None:
+        if reading is self.few:
             return np.asarray(self._few_onto_rows @ values)
         return np.interp(self.recording.time_s, reading.where.time_s, values)
 
@@ -137,15 +137,15 @@ class Piece:
 
     @cached_property
     def _is_fine(self) -> bool:
-        return is_fine(self.prepared)
+        return self.few is not None and is_fine(self.prepared)
 
     @cached_property
     def _onto_every(self) -> csr_matrix:
-        return smooth_lines(_nodes_of(self.rough), _nodes_of(self.every), self.recording.time_s)
+        return read_off(_nodes_of(self.rough), self.recording.time_s, _nodes_of(self.every).row)
 
     @cached_property
     def _onto_few(self) -> csr_matrix:
-        return smooth_lines(_nodes_of(self.rough), _nodes_of(self.few), self.recording.time_s)
+        return read_off(_nodes_of(self.rough), self.recording.time_s, _nodes_of(self.few).row)
 
     @property
     def every(self) -> Reading:

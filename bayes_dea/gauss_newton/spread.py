@@ -44,11 +44,6 @@ class Spread(Reading):
         return sensed(plant, where, held(plant, where, y))
 
 
-def smooth_lines(few: Nodes, where: Nodes, time_s: Array) -> csr_matrix:
-    """Matrix (m, nodes of few) that reads values at few nodes as smooth at others (m) of the same recording."""
-    return read_off(few, time_s, where.row)
-
-
 def read_off(few: Nodes, time_s: Array, rows: NDArray[np.int64]) -> csr_matrix:
     """Matrix (m, nodes of few) that reads values at few nodes as smooth at rows (m,) of their recording."""
     at, weights = smooth(few, time_s, rows)

@@ -212,7 +212,7 @@ def build_plant_groups(
             if r.is_voltage:
                 where = nodes = make_nodes(r)
                 own["few"] = fewer(nodes, r, blocks, observed)
-                own["fine"] = is_fine(record.prepared)
+                own["fine"] = own["few"] is not None and is_fine(record.prepared)
                 own["past"] = past_nodes(memory(recordings, r), r, lines=True)
             else:
                 where = imposed_path(r, blocks)

@@ -3,8 +3,8 @@
 Many such rows make one step, in which the command is a straight line with the mean of the rows. A held command reaches
 a row half a row's change behind that line, and what is quick answers the staircase, not the line. So the last rows of
 every group stay steps of their own: a lag of x rows sees line and staircase differ by a share of 1/(12 x) of a row's
-change at most, and forgets that by exp(-1/x) in each of them. Only the last one is read; the output is straight between
-rows that are read.
+change at most, and forgets that by exp(-1/x) in each of them. Only the last one is read; between rows that are read
+the output is smooth, but for the corners and turns of the command.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ class LineSettings:
     """How long a group may be.
 
     bend: share of a command's largest size up to which it is smooth where it bends from row to row. missed: the same by
-    which a line may miss its rows. change: of the command within a group, as a share of its largest size: the square of
-    it, read off straight, is out by a sixth of the square of this on average. after_jump_s, after_kink_s (s): time in
-    which every row is kept, ahead: rows before either that are, too: readings that lead their command show it in them.
-    since: share of the time since either that a group lasts. fewest: rows of a group, last: held rows at its end.
+    which a line may miss its rows. change: of the command within a group, as a share of its largest size: a delay reads
+    its square off straight, which is out by a sixth of the square of this on average. after_jump_s, after_kink_s (s):
+    time in which every row is kept, ahead: rows before either that are, too: readings that lead their command show it
+    in them. since: share of the time since either that a group lasts. fewest: rows of a group, last: held rows at its
+    end.
     """
 
     bend: float = 1e-4
@@ -135,12 +136,12 @@ def _room(volts: Array, largest: float, step_s: float, settings: LineSettings) -
     rough[[0, -1]] = True
     jump = rough & (bend > _JUMP * largest)
     jump[0] = True
-    turns = rough.copy()
-    turns[1:-1] |= change[1:] * change[:-1] <= 0.0
+    ends = rough.copy()
+    ends[1:-1] |= change[1:] * change[:-1] <= 0.0
     since_jump = at - np.maximum.accumulate(np.where(jump, at, 0))
     since = at - np.maximum.accumulate(np.where(rough, at, 0))
     # a group may begin at a turn
-    until = np.minimum(_next(turns), _next(rough) - settings.ahead)
+    until = np.minimum(_next(ends), _next(rough) - settings.ahead)
     out = np.minimum((settings.since * since).astype(np.int64), until - at)
     out[(since_jump * step_s < settings.after_jump_s) | (since * step_s < settings.after_kink_s)] = 0
     speed = np.abs(np.append(change, 0.0))

@@ -113,7 +113,6 @@ def isolated_outliers(
     x = np.concatenate([np.full(_PAD, first), r[good], np.full(_PAD, last)])
     share = rho / (1.0 + rho * rho)
     step = float(np.median(np.diff(t[good])))
-    around = _Surroundings(x)
     for length in range(_RUN, 0, -1):  # the whole of a run before parts of it
         mean = x[1 : x.size - length].copy()
         for k in range(1, length):
@@ -135,7 +134,7 @@ def isolated_outliers(
         # rows that would not be told from noise one by one: after an edge that has no like they may be what it does
         weak = np.abs(miss).min(axis=1) < float(norm.isf(0.25 * FALSE_ALARM / good.size)) * sd
         places, weak = places[each], weak[each]
-        alone = _alone(around, places, length, limit, sd)
+        alone = _alone(x, places, length, limit, sd)
         for at, faint in zip(places[alone], weak[alone], strict=True):
             rows = good[at - _PAD : at + length - _PAD]
             if not out[rows].any() and not _returns(
@@ -145,52 +144,49 @@ def isolated_outliers(
     return out if out.sum() <= max(_SHARE * good.size, 1.0) else np.zeros_like(out)
 
 
-class _Surroundings:
-    """What lies beside the rows of residuals x (n,): for many places at once."""
-
-    def __init__(self, x: Array) -> None:
-        self.x = x
-
-    def three(self, first: NDArray[np.int64]) -> Array:
-        """Medians of three rows, by the first of them (k,)."""
-        return _middle(*(self.x[first + k] for k in range(3)))
-
-    def six(self, first: NDArray[np.int64]) -> Array:
-        """Medians of six rows, by the first of them (k,)."""
-        return np.asarray(np.median(self.x[first[:, None] + np.arange(_AROUND)], axis=1))
-
-    def line(self, first: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Middles and slopes of straight lines through nine rows, by the first of them (k,)."""
-        nine = self.x[first[:, None] + np.arange(_PAD)]
-        centred = np.arange(_PAD) - 0.5 * (_PAD - 1)
-        return nine.mean(axis=1), nine @ centred / float(centred @ centred)
-
-    def second(self, at: NDArray[np.int64], length: int, before: Array, after: Array) -> Array:
-        """Second largest of the six rows on either side of runs, off the levels before and after (k,)."""
-        side = np.arange(_AROUND)
-        ahead = self.x[at[:, None] - _AROUND + side] - before[:, None]
-        behind = self.x[at[:, None] + length + side] - after[:, None]
-        return np.asarray(np.sort(np.abs(np.concatenate([ahead, behind], axis=1)), axis=1)[:, -2])
+def _three(x: Array, first: NDArray[np.int64]) -> Array:
+    """Medians of three rows of x (n,), by the first of them (k,)."""
+    return _middle(*(x[first + k] for k in range(3)))
 
 
-def _alone(around: _Surroundings, at: NDArray[np.int64], length: int, limit: float, sd: float) -> NDArray[np.bool_]:
-    """Which runs (k,) stand out of what lies before and after them. sd: of the noise."""
-    mean = np.mean([around.x[at + k] for k in range(length)], axis=0)
+def _six(x: Array, first: NDArray[np.int64]) -> Array:
+    """Medians of six rows of x (n,), by the first of them (k,)."""
+    return np.asarray(np.median(x[first[:, None] + np.arange(_AROUND)], axis=1))
+
+
+def _line(x: Array, first: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Middles and slopes of straight lines through nine rows of x (n,), by the first of them (k,)."""
+    nine = x[first[:, None] + np.arange(_PAD)]
+    centred = np.arange(_PAD) - 0.5 * (_PAD - 1)
+    return nine.mean(axis=1), nine @ centred / float(centred @ centred)
+
+
+def _second(x: Array, at: NDArray[np.int64], length: int, before: Array, after: Array) -> Array:
+    """Second largest of the six rows of x (n,) on either side of runs, off the levels before and after (k,)."""
+    side = np.arange(_AROUND)
+    ahead = x[at[:, None] - _AROUND + side] - before[:, None]
+    behind = x[at[:, None] + length + side] - after[:, None]
+    return np.asarray(np.sort(np.abs(np.concatenate([ahead, behind], axis=1)), axis=1)[:, -2])
+
+
+def _alone(x: Array, at: NDArray[np.int64], length: int, limit: float, sd: float) -> NDArray[np.bool_]:
+    """Which runs (k,) of residuals x (n,) stand out of what lies before and after them. sd: of the noise."""
+    mean = np.mean([x[at + k] for k in range(length)], axis=0)
     if length == 1:
-        left, right = around.three(at - 3), around.three(at + 1)
-        ahead = left + (left - around.three(at - 6)) * 2.0 / 3.0
-        behind = right + (right - around.three(at + 4)) * 2.0 / 3.0
+        left, right = _three(x, at - 3), _three(x, at + 1)
+        ahead = left + (left - _three(x, at - 6)) * 2.0 / 3.0
+        behind = right + (right - _three(x, at + 4)) * 2.0 / 3.0
     else:  # a run says more than one reading, and may be held against more
-        left, right = around.six(at - _AROUND), around.six(at + length)
+        left, right = _six(x, at - _AROUND), _six(x, at + length)
         # from the middle of the lines to that of the run
         far = 0.5 * (length + _PAD)
-        (level, slope), (next_level, next_slope) = around.line(at - _PAD), around.line(at + length)
+        (level, slope), (next_level, next_slope) = _line(x, at - _PAD), _line(x, at + length)
         ahead, behind = level + far * slope, next_level - far * next_slope
-    sign = np.where(around.x[at] > 0.5 * (left + right), 1.0, -1.0)
+    sign = np.where(x[at] > 0.5 * (left + right), 1.0, -1.0)
     size = sign * mean - np.maximum(sign * left, sign * right)
     kinked = np.minimum(sign * (mean - ahead), sign * (mean - behind)) >= _KINK * size
     out = (size > limit) & kinked
-    second = around.second(at[out], length, left[out], right[out])
+    second = _second(x, at[out], length, left[out], right[out])
     out[out] = (size[out] > _CONTRAST * second) | ((length > 1) & (second < _NOISE * sd))
     return out
 

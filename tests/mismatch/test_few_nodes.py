@@ -29,14 +29,20 @@ def assembled():
     return assemble(bd.campaign_from_recordings(recordings, sensors, actuator, name="slow"), build_model("hooke+gm2"))
 
 
+def middle_of(problem):
+    """Coordinates in the middle of the priors."""
+    model = problem.model
+    middle = model.priors.transform(np.full((1, model.dimension), 0.5))
+    return np.concatenate([model.from_prior_coordinates(middle)[0], problem.zero_mean, np.zeros(problem.gain_sd.size)])
+
+
 @pytest.mark.parametrize(("effect", "smooth"), [("", True), ("+leakage", True), ("+sensor_clipping", False)])
 def test_few_nodes_for_smooth_models_alone(assembled, effect, smooth):
     model = build_model("hooke+gm2" + effect)
     pieces = reduce_campaign(assembled)
     problem = Problem.of(assembled, model, pieces)
     every = replace(problem, pieces=tuple(replace(p, few=None) for p in pieces))
-    middle = model.priors.transform(np.full((1, model.dimension), 0.5))
-    q = np.concatenate([model.from_prior_coordinates(middle)[0], problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    q = middle_of(problem)
     few = [reading.where.time_s.size for reading, _ in problem._outputs(q)]
     full = [reading.where.time_s.size for reading, _ in every._outputs(q)]
     assert few[0] == full[0]
@@ -57,12 +63,11 @@ def test_what_is_made_of_a_piece_keeps_its_few_nodes(assembled):
 
 
 def test_rows_are_read_off_few_nodes_as_their_means_are(assembled):
-    """To a nanometre of what every row gives: straight between few nodes it would be ten."""
+    """To a hundred thousandth of a stroke of what every row gives: straight between few nodes it is three and more."""
     model = build_model("hooke+gm2")
     problem = Problem.of(assembled, model, reduce_campaign(assembled))
     every = replace(problem, pieces=tuple(replace(p, few=None) for p in problem.pieces))
-    middle = model.priors.transform(np.full((1, model.dimension), 0.5))
-    q = np.concatenate([model.from_prior_coordinates(middle)[0], problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    q = middle_of(problem)
     (_, few), (_, full) = problem.rows(q), every.rows(q)
     reading, answer = problem._outputs(q)[1]
     straight = np.interp(problem.pieces[1].recording.time_s, reading.where.time_s, answer)
@@ -77,9 +82,7 @@ def test_a_sensor_that_is_fine_has_every_row_of_what_comes_late(assembled):
     pieces = reduce_campaign(assembled)
     fine = tuple(replace(p, prepared=replace(p.prepared, quiet_sd=1e-8)) for p in pieces)
     model = build_model("hooke+gm2+series_resistance")
-    q = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
     for made, all_rows in ((pieces, False), (fine, True)):
         problem = Problem.of(assembled, model, made)
-        at = np.concatenate([q, problem.zero_mean, np.zeros(problem.gain_sd.size)])
-        reading, _ = problem._outputs(at)[1]
+        reading, _ = problem._outputs(middle_of(problem))[1]
         assert (reading.where is made[1].nodes) is all_rows

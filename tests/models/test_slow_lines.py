@@ -67,14 +67,15 @@ def test_few_nodes_know_what_all_know(name, volts):
 @pytest.mark.parametrize("hold", ["end", "start", "linear"])
 @pytest.mark.parametrize("volts", [SINE, TRIANGLE], ids=["sine", "triangle"])
 def test_a_model_without_effects_is_known_to_a_third_of_a_nanometre(volts, hold):
-    """Of 200 um: with a sensor of 50 nm at 60,000 rows what is left is a nat at most. Read straight it was 300."""
+    """Of 220 um: with a sensor of 50 nm at 60,000 rows 0.3 nm are a nat. Read straight the sine was out by 5.6 nm, 380
+    nats, the triangle by 2.1, 54 nats."""
     r = recording(volts, hold)
     full, few = make_nodes(r), make_nodes(r, lines=True)
     assert few.size < 0.2 * full.size
-    for plant in plants(""):
-        gap = at_rows(few, simulate_nodes(plant, few)) - at_rows(full, simulate_nodes(plant, full))
-        assert np.sqrt(np.mean(gap**2)) < 0.3e-9
-        assert np.abs(gap).max() < 2e-9
+    (plant,) = plants("", 1)
+    gap = at_rows(few, simulate_nodes(plant, few)) - at_rows(full, simulate_nodes(plant, full))
+    assert np.sqrt(np.mean(gap**2)) < 0.3e-9
+    assert np.abs(gap).max() < 2e-9
 
 
 @pytest.mark.parametrize("early_s", [0.00098, 0.002])
