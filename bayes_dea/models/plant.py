@@ -141,7 +141,7 @@ class Plant:
         late = self.R_s_ohm > 0.0 or self.tau_fall_s > 0.0 or self.d0_Pa_s > 0.0 or self.f_1_Hz < np.inf
         return not (late or self.T_d_s != 0.0 or self.tau_s_s > 0.0)
 
-    @cached_property
+    @property
     def before_sensor(self) -> Plant:
         """The plant without what the sensor, its holder and the clock of the recorder add."""
         return replace(self, **_NO_SENSOR) if self.is_sensed else self

@@ -27,12 +27,17 @@ class Steps:
     rows: NDArray[np.int64]
     at: NDArray[np.int64] | None = None
 
-    @cached_property
+    @property
     def in_pieces(self) -> Steps:
         """The same, with those in which the voltage goes far in pieces."""
+        return self._cut or self
+
+    @cached_property
+    def _cut(self) -> Steps | None:
+        """What `in_pieces` gives where something is cut. None where nothing is: a reference to itself would keep it."""
         far = np.abs(self.u1 - self.u0)
         if not far.max(initial=0.0) > _RAMP_V:  # nan has no answer, and needs none
-            return self
+            return None
         n = np.maximum(np.ceil(far / _RAMP_V), 1.0).astype(np.int64)
         last = np.cumsum(n) - 1
         before = np.arange(n.sum()) - np.repeat(last - n + 1, n)
