@@ -20,7 +20,7 @@ from .models.model import Model
 from .models.nodes import make_nodes, past_nodes
 from .models.path import Path, make_path
 from .models.plant import plant_of
-from .models.simulate_plant import simulate_nodes, simulate_plates
+from .models.simulate_plant import simulate_nodes, simulate_path
 from .noise.blocks import Blocks, BlockSettings, block_means, log_blocks
 from .noise.edges import input_noise
 from .noise.kinks import find_kinks
@@ -129,7 +129,7 @@ def _with_effects(
     corners = None if imposed is None else imposed.straight.corners
     path = make_path(recording.time_s, position, np.ones(position.size, dtype=bool), corners=corners)
     zero = float(position[0]) if zero_m is None else zero_m
-    return path.of_rows(simulate_plates(plant, path.time_s, path.position_m, zero, contact_of(recording)))
+    return path.of_rows(simulate_path(plant, path, zero, contact_of(recording)))
 
 
 def contact_of(recording: Recording) -> int:

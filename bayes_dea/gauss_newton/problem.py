@@ -24,7 +24,7 @@ from ..models.effects.effect import Effect
 from ..models.model import Model
 from ..models.nodes import Nodes
 from ..models.plant import Plant, plant_of
-from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..models.simulate_plant import simulate_nodes, simulate_path
 from .journal import Journal, digest
 from .laws import log_share
 from .reduced import Piece, gain_groups
@@ -266,7 +266,7 @@ class Problem:
             else:
                 path = reading.where
                 zero = float(zeros[piece.zero]) if piece.zero >= 0 else float(path.position_m[0])
-                out.append((reading, simulate_plates(plant, path.time_s, path.position_m, zero, piece.contact)))
+                out.append((reading, simulate_path(plant, path, zero, piece.contact)))
         return out
 
     def steps(self, q: Array) -> Array:

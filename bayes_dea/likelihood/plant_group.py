@@ -20,7 +20,7 @@ from ..models.model import Model
 from ..models.nodes import Nodes, make_nodes, past_nodes
 from ..models.path import Path
 from ..models.plant import Plant, plant_of
-from ..models.simulate_plant import simulate_nodes, simulate_plates
+from ..models.simulate_plant import simulate_nodes, simulate_path
 from ..models.slow_lines import AHEAD
 from ..noise.blocks import Blocks, BlockSettings
 from ..noise.stated import NoiseTerms
@@ -187,7 +187,7 @@ class PlantGroup(BlockGroup):
                 answer = simulate_nodes(plant, where, record.past)
             else:
                 assert zero is not None
-                answer = simulate_plates(plant, where.time_s, where.position_m, float(zero[b]), record.contact)
+                answer = simulate_path(plant, where, float(zero[b]), record.contact)
             out[b] = reading.means(answer)
         return out
 

@@ -8,6 +8,7 @@ kept: contact is lost and found there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +33,22 @@ class Path:
     position_m: NDArray[np.float64]
     row: NDArray[np.float64]
 
+    @cached_property
+    def durations(self) -> NDArray[np.float64]:
+        """Times (m - 1,) s between them, see `durations`; not to be written to."""
+        return durations(self.time_s)
+
     def of_rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Those of values (m,) that belong to rows."""
         return values[self.row == np.floor(self.row)]
+
+
+def durations(time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Times (m - 1,) s between stamps (m,), which are rounded in a file: those that are alike but for it are equal."""
+    h = np.diff(time_s)
+    step = float(np.median(h))
+    h[np.abs(h - step) < 1e-6 * step] = step
+    return h
 
 
 def make_path(

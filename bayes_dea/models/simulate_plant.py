@@ -10,6 +10,7 @@ from ..errors import InputError
 from .electrostatics import VOLTAGE_GEOMETRY
 from .mechanics import GKV, strain_driven_kernel
 from .nodes import Nodes
+from .path import Path, durations
 from .plant import Plant
 from .plant_kernel import P_WHOLE, drive_voltage
 from .plate_kernel import drive_position
@@ -151,7 +152,14 @@ _AT_A_ROW = 1e-6
 def simulate_plates(
     plant: Plant, time_s: NDArray[np.float64], position_m: NDArray[np.float64], zero_m: float, contact: int
 ) -> NDArray[np.float64]:
-    """Force (n,) in N under an imposed position (n,) m that is straight between rows; a rested material at the first.
+    """Force (n,) in N under an imposed position (n,) m that is straight between rows; see `simulate_path`."""
+    time, x = np.asarray(time_s, float), np.asarray(position_m, float)
+    return simulate_path(plant, Path(time, x, np.arange(time.size, dtype=np.float64)), zero_m, contact)
+
+
+def simulate_path(plant: Plant, path: Path, zero_m: float, contact: int) -> NDArray[np.float64]:
+    """Force (m,) in N at the points of a path between which the imposed position is straight; a rested material at the
+    first.
 
     zero_m: position of contact; contact: +1 plates, which do not pull, -1 a film, which does not push, 0 bonded.
     Electrical, electrostatic and sensor effects and the mass do not act here. Raises InputError where the geometry is
@@ -162,15 +170,15 @@ def simulate_plates(
     if plant.height_m == 0.0:
         raise InputError("a mechanical recording needs stack_height_m, total_area_m2; write it under [actuator] in "
                          "campaign.toml")
-    time, e = np.asarray(time_s, float), (np.asarray(position_m, float) - zero_m) / plant.height_m
-    added, share = _touches(e, contact if plant.d0_Pa_s > 0.0 else 0)
-    if added.size:
+    h, e = path.durations, (path.position_m - zero_m) / plant.height_m
+    added = np.zeros(0, dtype=np.int64)
+    if plant.d0_Pa_s > 0.0:
         # a damper feels the speed of the plates, not the mean of a step for a part of which they were apart
-        time = np.insert(time, added + 1, time[added] + share * (time[added + 1] - time[added]))
+        added, share = _touches(e, contact)
+    if added.size:
+        time = path.time_s
+        h = durations(np.insert(time, added + 1, time[added] + share * (time[added + 1] - time[added])))
         e = np.insert(e, added + 1, 0.0)
-    h = np.diff(time)
-    step = float(np.median(h))
-    h[np.abs(h - step) < 1e-6 * step] = step  # stamps are rounded in the file
     stress, material = np.empty(e.size), np.empty(e.size)
     if plant.creep is not None:
         c, T = plant.creep
@@ -179,7 +187,7 @@ def simulate_plates(
     else:
         drive_position(plant.plate_numbers(), plant.law, h, e, contact, stress, material)
     force = stress * plant.area_m2 / (1.0 - material)
-    return np.delete(force, added + 1 + np.arange(added.size))
+    return np.delete(force, added + 1 + np.arange(added.size)) if added.size else force
 
 
 def _touches(e: NDArray[np.float64], contact: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
