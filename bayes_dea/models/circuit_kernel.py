@@ -10,10 +10,13 @@ import math
 
 from numba import njit
 
+#: for what takes arrays: handing one on costs more than a whole step, because its references are counted
 inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")
+#: for what takes numbers alone: made part of its caller as well, but later, behind what takes the compiler most time
+fold = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"})
 
 
-@inline
+@fold
 def place(h, places):
     """Which of so many places (a power of two) the coefficients of a step of h (s) are kept at.
 
@@ -22,14 +25,14 @@ def place(h, places):
     return int(min(h, 1e6) * 1e5 + 0.5) & (places - 1)
 
 
-@inline
+@fold
 def phi1(x):
     if x < 1e-4:
         return 1.0 - x * (0.5 - x / 6.0)
     return -math.expm1(-x) / x
 
 
-@inline
+@fold
 def straight(z):
     """A lag under a straight input for z time constants: what stays, weights of the input's start and end."""
     m = phi1(z)
@@ -37,7 +40,7 @@ def straight(z):
     return 1.0 - z * m, z * (m - second), z * second
 
 
-@inline
+@fold
 def charge(charges, leaks, c_eps, prompt, e0, e1, v0, u0, u1):
     """Volts on the dielectric at the end of a step, their mean, the mean of their square, and d(end)/d(e1); then the
     course behind them, the part that dies from the start, c exp(-z t/h), beside a line l: z, c, start and rise of l;
@@ -108,7 +111,7 @@ def charge(charges, leaks, c_eps, prompt, e0, e1, v0, u0, u1):
     return end, mean, square, dv, z, c, l0, l1, a, p1
 
 
-@inline
+@fold
 def leaking(leak, active, thickness, rs, v):
     """Of a conductance that the field activates (Poole and Frenkel), about v volts: its tangent (1/ohm), what the rest
     of its current is worth at the supply (V), and the bend of the current, v^2/i d2i/dv2."""
@@ -137,7 +140,7 @@ def stored(lag_q, lag_p, factor, aq, chi, v1, vm, v2, dv, vq, P):
     return vq1, P1, 2.0 * mean - end, end, factor * (2.0 * x + P1) * dv
 
 
-@inline
+@fold
 def field(thick, c_eps, e):
     """What the stretch makes of the Maxwell stress: factor and derivative."""
     f, d = 1.0 + c_eps * e, c_eps
@@ -148,13 +151,13 @@ def field(thick, c_eps, e):
     return f, d
 
 
-@inline
+@fold
 def shorter(ratio, power):
     """Factor for a step whose error is to shrink by `ratio` and goes with the 1/power-th power of its length."""
     return max(0.2, 0.9 * ratio**power)
 
 
-@inline
+@fold
 def halved(step, factor):
     """A step cut in halves until it is no longer than `factor` of itself.
 
@@ -166,7 +169,7 @@ def halved(step, factor):
     return cut * step
 
 
-@inline
+@fold
 def following(step, grow, left):
     """The next part of a step of which `left` remains: as long as the last one, or its double where errors allow that.
 

@@ -144,9 +144,14 @@ class Plant:
     @property
     def before_sensor(self) -> Plant:
         """The plant without what the sensor, its holder and the clock of the recorder add."""
-        return replace(self, **_NO_SENSOR) if self.is_sensed else self
+        return self._bare or self
 
-    @property
+    @cached_property
+    def _bare(self) -> Plant | None:
+        """`before_sensor`, None where nothing is added: a reference to itself would keep it."""
+        return replace(self, **_NO_SENSOR) if self.is_sensed else None
+
+    @cached_property
     def is_sensed(self) -> bool:
         """Whether something of the sensor, its holder or the clock of the recorder is added."""
         return any(getattr(self, name) != off for name, off in _NO_SENSOR.items())

@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .circuit_kernel import charge, field, following, halved, inline, leaking, place, shorter, stored, straight
+from .circuit_kernel import charge, field, fold, following, halved, leaking, place, shorter, stored, straight
 from .material_kernel import (
     BEYOND,
     P_BETA,
@@ -179,7 +179,7 @@ def _table_of(w, h):
     return at
 
 
-@inline
+@fold
 def _dying(z, keep, x, left, first, second):
     """What a mode of z time constants in a step has at its end of first exp(-x t/h) + second exp(-2 x t/h).
 

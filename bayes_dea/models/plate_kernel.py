@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .circuit_kernel import inline, phi1, shorter
+from .circuit_kernel import fold, phi1, shorter
 from .material_kernel import (
     BEYOND,
     P_BETA,
@@ -74,7 +74,7 @@ def _fill_table(w, h):
     w[X_LOSS], w[X_LAG], w[X_H] = loss, lag, h
 
 
-@inline
+@fold
 def _damped(c, F0, F1, G, h):
     """c y' + G y = F0 + F1 t/h from y = 0: its end and its mean over h."""
     z = G * h / c
@@ -309,7 +309,7 @@ def drive_position(w, law_p, h, e, contact, stress, material):
     if touching:
         _take(w, trial)
     stress[0], material[0] = (s, e[0]) if touching else (0.0, 0.0)
-    b, alone, new = 0, 0, np.empty(BRANCHES)
+    b, alone, new = np.int64(0), 0, np.empty(BRANCHES)  # a plain 0 would have its own copy of what follows compiled
     while b < h.size:
         if touching and h[b] == w[X_H]:
             b = _pressed(w, law_p, h, b, e, contact, new, stress, material)
