@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,31 +16,50 @@ _MOST_POINTS = 4000
 _LEVELS = 6
 
 
-def picture_data(result: Diagnosis) -> dict[str, Array]:
+def picture_data(result: Diagnosis) -> dict[str, NDArray[Any]]:
     """Arrays by name, for diagnosis.npz; arrays of recording i end in _i."""
     before, after = residuals(result.base), residuals(result.corrected)
     pieces, looks = result.base.problem.pieces, result.looks
-    out: dict[str, Array] = {
+    out: dict[str, NDArray[Any]] = {
         "names": np.array([p.name for p in pieces]),
         "force": np.array([p.channel == "force" for p in pieces]),
     }
     for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
-        keep = np.unique(np.linspace(0, piece.blocks.n - 1, min(piece.blocks.n, _MOST_POINTS)).astype(int))
-        out[f"time_{i}"] = f.time_s[keep].astype(np.float32)
-        out[f"input_{i}"] = (f.level[keep] * (1e3 if piece.channel == "force" else 1.0)).astype(np.float32)
-        out[f"before_{i}"] = before.raw[i][keep].astype(np.float32)
-        out[f"after_{i}"] = after.raw[i][keep].astype(np.float32)
+        drawn = _Drawn(f.time_s.size, piece.blocks.behind_missing())
+        out[f"time_{i}"] = drawn(f.time_s)
+        out[f"input_{i}"] = drawn(f.level * (1e3 if piece.channel == "force" else 1.0))
+        out[f"before_{i}"] = drawn.line(before.raw[i])
+        out[f"after_{i}"] = drawn.line(after.raw[i])
     out.update(_edge_map(result, before.raw))
     out.update(_harmonics(result, before.raw))
     if result.proof:
         worst = max(result.proof, key=lambda h: (h.answered, h.rmse_before / h.noise, h.recording))
-        keep = np.unique(np.linspace(0, worst.time_s.size - 1, min(worst.time_s.size, _MOST_POINTS)).astype(int))
+        drawn = _Drawn(worst.time_s.size, worst.behind_missing)
         out["worst_name"] = np.array(worst.recording)
         out["worst_force"] = np.array(worst.channel == "force")
-        out["worst_time"] = worst.time_s[keep].astype(np.float32)
-        out["worst_before"] = worst.before[keep].astype(np.float32)
-        out["worst_after"] = worst.after[keep].astype(np.float32)
+        out["worst_time"] = drawn(worst.time_s)
+        out["worst_before"] = drawn.line(worst.before)
+        out["worst_after"] = drawn.line(worst.after)
     return out
+
+
+class _Drawn:
+    """What is drawn of n blocks: as many as a picture shows, and no line over readings that are missing for long."""
+
+    def __init__(self, n: int, behind_missing: NDArray[np.int64]) -> None:
+        keep = np.linspace(0, n - 1, min(n, _MOST_POINTS)).astype(np.int64)
+        # the blocks on either side of what is missing stay, with nothing between them
+        self._keep = np.union1d(keep, np.concatenate([behind_missing - 1, behind_missing]))
+        self._at = np.searchsorted(self._keep, behind_missing)
+
+    def __call__(self, x: Array) -> NDArray[np.float32]:
+        """x (n,) of those, the value before it where nothing is."""
+        kept = x[self._keep]
+        return np.insert(kept, self._at, kept[self._at - 1]).astype(np.float32)
+
+    def line(self, y: Array) -> NDArray[np.float32]:
+        """The same, nan where nothing is."""
+        return np.insert(y[self._keep], self._at, np.nan).astype(np.float32)
 
 
 def _edge_map(result: Diagnosis, raw: list[Array]) -> dict[str, Array]:

@@ -53,6 +53,7 @@ class HeldOut:
     before: Array  # (nb,) residual block means
     after: Array
     time_s: Array
+    behind_missing: NDArray[np.int64]  # blocks before which readings are missing for long
 
 
 def proof(
@@ -209,6 +210,7 @@ def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> 
         block_means(np.where(masked, 0.0, before.residual), piece.blocks, masked),
         block_means(np.where(masked, 0.0, after.residual), piece.blocks, masked),
         piece.blocks.time_s,
+        piece.blocks.behind_missing(),
     )
 
 

@@ -58,6 +58,11 @@ class Blocks:
         """Number of blocks."""
         return int(self.start.size)
 
+    def behind_missing(self, share: float = 0.01) -> NDArray[np.int64]:
+        """Blocks (k,) before which readings are missing for more than a share of the recording: no line leads there."""
+        apart = np.diff(self.time_s) - 0.5 * (self.duration_s[1:] + self.duration_s[:-1])
+        return np.flatnonzero((self.gap[1:] > 1) & (apart > share * (self.time_s[-1] - self.time_s[0]))) + 1
+
 
 def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None = None, *,
                y: ArrayLike | None = None, mask: ArrayLike | None = None, kinks: ArrayLike | None = None) -> Blocks:
