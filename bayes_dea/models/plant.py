@@ -128,7 +128,7 @@ class Plant:
         A quick mass follows a slow command with hardly a ring, once the ring of an edge is over.
         """
         limits = min(self.V_max_V, self.y_max_m) < np.inf
-        rings = self.f_1_Hz < _QUICK_HZ or (self.zeta * self.f_1_Hz < _QUIET_HZ)
+        rings = self.f_1_Hz < _QUICK_HZ or (self.f_1_Hz < np.inf and self.zeta * self.f_1_Hz < _QUIET_HZ)
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
     @property

@@ -43,6 +43,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import again, from_the_leader
 from .second_thoughts import merged, second_thoughts
+from .shifted import shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 
@@ -286,6 +287,7 @@ class _Search:
         more = [replace(t, size_m=effect_size(best.fit, t.fit)) for t in more if t.fit is not start.fit]
         # one that adds nothing to what is enough without it is no rival of that
         more = self._taken([t for t in more if t.log_evidence > best.log_evidence])
+        more += self._taken(shifted_rivals(best, list(self.known.weighed.values()), self.quest))
         if self.known.physics(best) < 2 and more:
             more += self._taken(
                 in_place_of_the_first(best, more, self.known.counting, self.quest, free is not None)
