@@ -187,15 +187,23 @@ def prepare_all(
 def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
     """Recordings of the displacement with the mains lines of their place; other sensors as they are."""
     from ..noise.quiet import quiet_noise
-    from ..noise.site_lines import site_lines
+    from ..noise.site_frequency import in_this_recording
+    from ..noise.site_lines import frequencies, site_lines
 
     own = [i for i, p in enumerate(prepared) if p.channel == "displacement"]
-    lines = site_lines([prepared[i].mains for i in own], [0.5 / prepared[i].reading_step_s for i in own])
+    found = [prepared[i].mains for i in own]
+    lines = site_lines(found, [0.5 / prepared[i].reading_step_s for i in own])
     for i, mains in zip(own, lines, strict=True):
         p = prepared[i]
-        if mains is not p.mains:
+        if mains is not None and mains is not p.mains:
             clean = computed(lambda a, seen: np.where(seen, a, np.nan), p.y, p.observed)
             drive = filled_input(p.recording.columns["voltage_V"])
+            known = p.mains.lines if p.mains is not None else ()
+            read = p.recording.time_s, clean, drive
+            mains = mains.with_lines(
+                line if line in known else in_this_recording(line, frequencies(found, mains.base_Hz, line), *read)
+                for line in mains.lines
+            )
             quiet = quiet_noise(clean, drive, p.recording.time_s, lines_Hz=_lines_Hz(mains))
             prepared[i] = replace(p, mains=mains, quiet_sd=quiet.sd, quiet_rho=quiet.rho, quiet_n=quiet.n)
     return tuple(prepared)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ive
+from scipy.special import i0e
 from scipy.stats import chi2, ncx2
 
 Array = NDArray[np.float64]
@@ -69,8 +69,8 @@ def _posterior(lines: list[SeenLine], size: float) -> float:
             continue
         a = np.sqrt(max(x.amplitude**2 - x.sd**2, 0.0))
         z = a * A / x.sd**2
-        logl += -0.5 * ((A - a) / x.sd) ** 2 + np.log(np.maximum(ive(0, z), 1e-300))
+        logl += -0.5 * ((A - a) / x.sd) ** 2 + np.log(np.maximum(i0e(z), 1e-300))
     p = np.exp(logl - logl.max()) / A
     step = np.diff(A)
     mass = 0.5 * step * (p[1:] + p[:-1])
-    return float(mass[A[:-1] >= size].sum() / mass.sum())
+    return min(float(mass[A[:-1] >= size].sum() / mass.sum()), 1.0)  # sums round

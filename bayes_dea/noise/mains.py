@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,12 @@ class Mains:
         """Smallest false-alarm probability of the lines."""
         return min(line.false_alarm for line in self.lines)
 
+    def with_lines(self, lines: Iterable[MainsLine]) -> Mains:
+        """The same with these lines; the frequency is that of the first where all were taken over."""
+        new = tuple(lines)
+        base = new[0].frequency_Hz / new[0].harmonic if self.taken_over else self.frequency_Hz
+        return replace(self, lines=new, frequency_Hz=base)
+
     def signal(self, time_s: ArrayLike) -> Array:
         """Sum of the lines at the given times."""
         t = np.asarray(time_s, dtype=float)
@@ -90,7 +96,7 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
     false_alarm : largest probability at which a line is believed.
     mask : True where y is not to be used (drop-outs).
     """
-    t, x = _even(np.asarray(time_s, dtype=float), np.asarray(y, dtype=float), mask)
+    t, x = on_even_steps(np.asarray(time_s, dtype=float), np.asarray(y, dtype=float), mask)
     if t.size < 64:
         return None
     step = (t[-1] - t[0]) / (t.size - 1)
@@ -149,8 +155,8 @@ def _harmonics(base: float, step: float) -> int:
     return min(_HIGHEST_HARMONIC, int(0.5 / step / (base * (1 + _TOLERANCE))))
 
 
-def _even(t: Array, y: Array, mask: ArrayLike | None) -> tuple[Array, Array]:
-    """Recording on even steps, without nan."""
+def on_even_steps(t: Array, y: Array, mask: ArrayLike | None = None) -> tuple[Array, Array]:
+    """Recording on even steps, without nan; nothing where too little was read."""
     good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), t, y, dtype=np.bool_)
     if mask is not None:
         good &= ~np.asarray(mask, dtype=bool)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .mains import Mains, MainsLine
 
@@ -45,3 +46,9 @@ def site_lines(found: Sequence[Mains | None], highest_Hz: Sequence[float]) -> li
             elif mains.base_Hz == base and all(line.harmonic != harmonic for line in mains.lines):
                 out[i] = replace(mains, lines=(*mains.lines, new))
     return out
+
+
+def frequencies(found: Sequence[Mains | None], base_Hz: float, line: MainsLine) -> NDArray[np.float64]:
+    """Frequencies (k,) at which recordings show the harmonic of a line."""
+    shown = (other for mains in found if mains is not None and mains.base_Hz == base_Hz for other in mains.lines)
+    return np.array([other.frequency_Hz for other in shown if other.harmonic == line.harmonic])

@@ -60,3 +60,10 @@ def test_sd_of_a_fitted_line(rho):
     x = lfilter([1.0], [1.0, -rho], e, axis=0)
     c, *_ = np.linalg.lstsq(A, x, rcond=None)
     assert c.std() == pytest.approx(line_sd(1.0, rho, 50.0, 1e-3, 4000), rel=0.1)
+
+
+def test_a_line_of_thousands_of_sds_is_above_a_step():
+    """Twelve recordings of a million rows: Bessel functions of a billion."""
+    lines = [SeenLine(6.67e-6 + 1e-9 * k, 3e-9, True) for k in range(12)]
+    assert 1.0 - 1e-9 < probability_above(lines, 5.4e-7) <= 1.0
+    assert probability_above(lines, 7e-6) == pytest.approx(0.0, abs=1e-12)

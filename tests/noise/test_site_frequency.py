@@ -1,0 +1,46 @@
+"""Mains wanders by hundredths of a hertz: where the drive hides it, its frequency is that of the recording itself."""
+
+import numpy as np
+import pytest
+
+from bayes_dea.noise.mains import MainsLine
+from bayes_dea.noise.site_frequency import in_this_recording
+
+SHOWN = np.array([49.98, 50.0, 50.02, 50.03, 49.97, 50.01])
+LINE = MainsLine(1, 49.994, 6.7e-6, 1e-8, 0.0, 1e-9)
+
+
+def recording(rng, frequency, shape, hertz):
+    """A wave of a whole number of periods in 0.2 s for 20 s, its answer late and creeping, mains of 6.7 um."""
+    t = np.arange(21_000) * 1e-3
+    phase = np.clip(t - 0.5, 0.0, 20.0) * hertz
+    wave = 2.0 * (phase % 1.0) - 1.0 if shape == "sawtooth" else np.sign(np.sin(2 * np.pi * phase) + 1e-12)
+    u = np.where((t > 0.5) & (t < 20.5), 650.0 + 400.0 * wave, 0.0)
+    y = 2e-10 * u**2
+    for k in range(1, t.size):  # a lag of 3 ms
+        y[k] = y[k - 1] + (y[k] - y[k - 1]) * (1.0 - np.exp(-1.0 / 3.0))
+    y *= 1.0 + 0.05 * np.log1p(t)
+    line = 6.7e-6 * np.cos(2 * np.pi * frequency * t + rng.uniform(0, 6.3))
+    return t, y + line + 1.7e-6 * rng.standard_normal(t.size), u
+
+
+@pytest.mark.parametrize(("shape", "hertz"), [("sawtooth", 5.0), ("rectangle", 10.0), ("sawtooth", 1.0)])
+def test_it_is_found_beside_a_line_of_the_drive(shape, hertz):
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        f = 50.0 + 0.02 * rng.standard_normal()
+        found = in_this_recording(LINE, SHOWN, *recording(rng, f, shape, hertz)).frequency_Hz
+        assert found == pytest.approx(f, abs=0.005)  # a tenth of a turn in 20 s
+
+
+def test_where_the_others_agree_it_stays_what_they_show():
+    t, y, u = recording(np.random.default_rng(6), 50.02, "sawtooth", 5.0)
+    assert in_this_recording(LINE, np.full(6, 49.994), t, y, u) is LINE
+    assert in_this_recording(LINE, SHOWN[:1], t, y, u) is LINE
+
+
+def test_where_nothing_was_read_or_commanded_it_stays_near_what_they_show():
+    t, _, u = recording(np.random.default_rng(7), 50.02, "sawtooth", 5.0)
+    assert in_this_recording(LINE, SHOWN, t, np.full(t.size, np.nan), u) is LINE
+    quiet = in_this_recording(LINE, SHOWN, t, np.zeros(t.size), np.zeros(t.size))
+    assert abs(quiet.frequency_Hz - LINE.frequency_Hz) < 0.1
