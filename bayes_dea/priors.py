@@ -293,8 +293,9 @@ class PriorSet:
         return self.transform(rng.random((n, self.dimension)))
 
     def to_physical(self, z: NDArray) -> dict[str, NDArray]:
-        """Coordinates (n, d) to named physical values (n,), fixed ones included."""
-        out = {p.name: (np.exp(z[:, i]) if p.prior.is_log else z[:, i].copy()) for i, p in enumerate(self.free)}
+        """Coordinates (n, d) to named physical values (n,), fixed ones included; inf for a step that runs away."""
+        with np.errstate(over="ignore"):
+            out = {p.name: (np.exp(z[:, i]) if p.prior.is_log else z[:, i].copy()) for i, p in enumerate(self.free)}
         out.update({name: np.full(len(z), value) for name, value in self.fixed.items()})
         return out
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy import stats
 from scipy.integrate import dblquad
 
 from bayes_dea.errors import InputError
+from bayes_dea.models.model import build_model
 from bayes_dea.priors import (
     FAMILIES,
     Parameter,
@@ -420,3 +422,11 @@ def test_a_marginal_of_an_ordered_pair_by_quadrature():
     for x in (0.8, 1.5):
         share = below(x)
         assert np.mean(z < x) == pytest.approx(share, abs=4 * math.sqrt(share * (1 - share) / 4000))
+
+
+def test_a_step_that_runs_away_is_infinite_without_a_word():
+    free = build_model("hooke+gm3").priors
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        values = free.to_physical(np.full((1, free.dimension), 1e4))
+    assert np.isinf(values["Y_Pa"][0])

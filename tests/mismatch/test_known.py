@@ -117,3 +117,19 @@ def test_a_size_is_that_against_the_likeliest_that_is_simpler(monkeypatch):
     k.take([other])
     assert not k.enough(pair)
     assert asked == [one.fit, other.fit]
+
+
+def test_on_recordings_not_fitted_a_second_effect_counts_by_what_it_adds_itself(monkeypatch):
+    """An expansion shows on them whatever stands beside it; a limit that adds a tenth of a step does not count."""
+    single, pair = Stub(("thermal_expansion",), 100.0), Stub(("thermal_expansion", "sensor_clipping"), 111.0, 1e-8)
+    both = Stub(("thermal_expansion", "series_resistance"), 115.0, 1e-8)
+    adds = {id(single.fit): 5e-7, id(pair.fit): 1e-8, id(both.fit): 3e-7}
+
+    def size(without, fit, _):
+        return adds[id(fit)] if without is not NONE.fit else 5e-7
+
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.size_elsewhere", size)
+    k = Known(NONE, 1e-7, ODDS, 20, ("a recording",), {w.name: w for w in (single, pair, both)})
+    assert not k.enough(pair)
+    assert k.enough(both)
+    assert k.enough(Stub(single.effects, 100.0, 1e-8, single.fit))

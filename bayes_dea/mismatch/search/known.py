@@ -40,6 +40,7 @@ class Known:
     weighed: dict[str, Weighed] = field(default_factory=dict)
     noise: NoisePrior | None = None
     _sizes: Once[float] = field(default_factory=Once, repr=False)
+    _sizes_elsewhere: Once[float] = field(default_factory=Once, repr=False)
 
     def take(self, found: Iterable[Weighed]) -> None:
         """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
@@ -105,10 +106,12 @@ class Known:
         return self._elsewhere(w) >= self.resolution_m or self._with_modes_kept(w) >= self.resolution_m
 
     def _elsewhere(self, w: Weighed) -> float:
-        """Its size (m) on recordings that were not fitted."""
+        """Its size (m) on recordings that were not fitted; of several effects, that of the one that matters least."""
         if not self.elsewhere:
             return 0.0
-        return self._sizes((w.fit,), lambda: size_elsewhere(self.none.fit, w.fit, self.elsewhere))
+        simpler = self._simpler(w) if self.physics(w) > 1 else None
+        without = self.none.fit if simpler is None else simpler.fit
+        return self._sizes_elsewhere((w.fit, without), lambda: size_elsewhere(without, w.fit, self.elsewhere))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
