@@ -57,9 +57,12 @@ def _beside(d: Array, step: float, f: float) -> tuple[Array, NDArray[np.complex1
     """Middles (k,) s of windows over d (n,), and what each has at f (Hz) (k,)."""
     size = round(_WINDOW_S / step)
     start = np.arange(0, d.size - size + 1, max(size // 2, 1))
-    rows = np.lib.stride_tricks.sliding_window_view(d, size)[start] if start.size else np.empty((0, size))
     carrier = np.hanning(size + 2)[1:-1] * np.exp(-2j * np.pi * f * step * np.arange(size))
-    turned: NDArray[np.complex128] = (rows @ carrier) * np.exp(-2j * np.pi * f * step * start)
+    turned = np.empty(start.size, np.complex128)
+    for k, first in enumerate(start):
+        part = d[first : first + size]
+        turned[k] = part @ carrier.real + 1j * (part @ carrier.imag)
+    turned *= np.exp(-2j * np.pi * f * step * start)
     middles = np.asarray((start + 0.5 * size) * step, dtype=np.float64)
     return middles, turned
 
