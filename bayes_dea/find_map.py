@@ -627,10 +627,20 @@ def _place_zeros(posterior: Posterior, start: NDArray) -> NDArray:
             center = zero.mean if width > 1 else start[d + i]
             points = np.tile(start, (61, 1))
             points[:, d + i] = center + width * zero.sd * np.linspace(-1, 1, 61)
-            values = posterior.log_prob(points)
+            values = _of_press(posterior, points)
             if np.isfinite(values).any():
                 start = points[int(np.nanargmax(np.where(np.isfinite(values), values, -np.inf)))]
     return start
+
+
+def _of_press(posterior: Posterior, points: NDArray) -> NDArray:
+    """Log posterior (B,) of points that differ by zeros of position alone, but for what no zero moves: recordings of a
+    voltage, which a curved law would be taken through once a point."""
+    out = posterior.log_prior(points)
+    for group in posterior.groups:
+        if group.fitted and group.channel == "force":
+            out = out + posterior.group_terms(points, group)[:, 0]
+    return out
 
 
 def _mechanical_starts(

@@ -13,7 +13,15 @@ from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.campaign import Campaign
-from bayes_dea.find_map import MapSettings, VoltageSearch, _same, find_map, laplace_covariance, posterior_scale
+from bayes_dea.find_map import (
+    MapSettings,
+    VoltageSearch,
+    _of_press,
+    _same,
+    find_map,
+    laplace_covariance,
+    posterior_scale,
+)
 from bayes_dea.fit.descent import descend
 from bayes_dea.fit.polish import NewtonPolish
 from bayes_dea.models.model import build_model
@@ -264,3 +272,16 @@ def test_branches_that_took_on_the_bend_of_a_law_are_parted() -> None:
     # in the coordinates of the search, modes of compliances, nothing else moves
     assert np.array_equal(y[:-2], x[:-2])
     assert y[-2] == pytest.approx(x[-2] - np.log(5.0))
+
+
+def test_zeros_are_placed_by_what_they_move_alone(both):
+    """The same but for a constant, which recordings of a voltage add: a curved law is not taken through them."""
+    posterior = assemble(both.campaign, build_model("neohooke+gm2")).posterior
+    model = posterior.model
+    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
+    points = np.tile(np.concatenate([middle, posterior.noise_guess()]), (5, 1))
+    points[:, posterior.zero_start] += posterior.zeros[0].sd * np.linspace(-1.0, 1.0, 5)
+    beside = posterior.log_prob(points) - _of_press(posterior, points)
+    np.testing.assert_allclose(beside, beside[0], rtol=1e-12)
+    assert abs(beside[0]) > 100.0
+    assert np.ptp(_of_press(posterior, points)) > 1.0
