@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -159,18 +160,8 @@ class Plant:
     @cached_property
     def key(self) -> tuple[object, ...]:
         """All that its displacement depends on before the sensor."""
-        out: list[object] = []
-        for f in fields(self):
-            if f.name not in _NO_SENSOR:
-                value = getattr(self, f.name)
-                if isinstance(value, np.ndarray):
-                    value = value.tobytes()
-                elif isinstance(value, tuple):
-                    value = tuple(a.tobytes() for a in value)
-                elif isinstance(value, list):
-                    value = tuple(value)
-                out.append(value)
-        return tuple(out)
+        arrays = [None if pair is None else tuple(a.tobytes() for a in pair) for pair in (self.process, self.creep)]
+        return _numbers_of(self), self.law.tobytes(), tuple(self.branches), *arrays
 
     def is_gentle(self, to_look: bool = False) -> bool:
         """Whether few nodes (`rough_nodes`) know what a small change of it changes, to a few hundredths.
@@ -350,6 +341,8 @@ def straightened(plant: Plant, strain: float) -> Plant:
 
 _FIELDS = {f.name for f in fields(Plant)}
 _NO_SENSOR: dict[str, Any] = {f.name: f.default for f in fields(Plant) if f.name in _SENSED}
+#: what is a number of a plant, but for the sensor's
+_numbers_of = attrgetter(*sorted(_FIELDS - {*_NO_SENSOR, "law", "branches", "process", "creep"}))
 
 
 def plant_of(model: Model, values: Mapping[str, float], actuator: Actuator) -> Plant:
