@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from ..campaign.schema import Actuator
 from ..campaign.scratch import beside
 from ..errors import InputError
+from . import material_kernel as mk
+from . import plate_kernel as plates
 from .electrostatics import require
 from .mechanics import GKM, GKV, GM, strain_driven_kernel, stress_driven_kernel
 from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell
-from .static import LAWS
+from .static import HOOKE, LAWS
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,25 @@ def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, con
             out[b, i] = stress[i] * area / (1.0 - material[i])
 
 
+@nb.njit(cache=True, nogil=True)
+def _plate_forces(law_id, p, k, tau, h, position, zero, height, area, contact, e, stress, material, out):
+    """The same of Maxwell branches in parallel with the law, by the kernel that a diagnosis uses."""
+    n = k.shape[1]
+    w = np.zeros(plates.SIZE)
+    for b in range(p.shape[0]):
+        w[:] = 0.0
+        w[mk.P_LAW], w[plates.P_N] = law_id, n
+        if law_id == HOOKE:
+            w[mk.P_Y] = p[b, 0]
+        w[plates.A_K:plates.A_K + n] = k[b]
+        w[plates.A_TAU:plates.A_TAU + n] = tau[b]
+        for i in range(position.size):
+            e[i] = (position[i] - zero[b]) / height
+        plates.drive_position(w, p[b], h, e, contact, stress, material)
+        for i in range(position.size):
+            out[b, i] = stress[i] * area / (1.0 - material[i])
+
+
 def strains(material: Material, h: NDArray, stress: NDArray) -> tuple[NDArray, NDArray]:
     """Strain just after the start (B, I) and at the end (B, I) of intervals h (I,) s of constant stress (I,) Pa."""
     B = len(material.law)
@@ -109,24 +130,15 @@ def forces(
     require(actuator, ("stack_height_m", "total_area_m2"), "a mechanical recording")
     B, m = len(material.law), position.size
     out = beside(position, n=B * m).reshape(B, m)
-    _forces(
-        material.law_id,
-        material.law,
-        material.network,
-        material.k,
-        material.tau,
-        material.d0,
-        h,
-        position,
-        np.ascontiguousarray(zero, float),
-        float(actuator.stack_height_m or 0.0),
-        float(actuator.total_area_m2 or 0.0),
-        contact,
-        beside(position),
-        beside(position),
-        beside(position),
-        out,
-    )
+    of_plates = (
+        h, position, np.ascontiguousarray(zero, float), float(actuator.stack_height_m or 0.0),
+        float(actuator.total_area_m2 or 0.0), contact, *(beside(position) for _ in range(3)), out,
+    )  # fmt: skip
+    law_id, p, k, tau = material.law_id, material.law, material.k, material.tau
+    if material.network == GM and k.shape[1] <= plates.BRANCHES:
+        _plate_forces(law_id, p, k, tau, *of_plates)
+    else:
+        _forces(law_id, p, material.network, k, tau, material.d0, *of_plates)
     return out
 
 
