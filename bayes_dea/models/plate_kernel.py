@@ -4,7 +4,8 @@ While the plates touch, the strain is straight from knot to knot and branches fo
 film does not push): where they would have to, the material goes its own way at zero stress until the plates meet it
 again. A loss or a gain of contact is placed where straight lines cross.
 
-Numba keeps compiled code by the date of this file alone: after an edit of `material_kernel.py` or `static.py` touch it.
+Numba keeps compiled code by the date of this file alone: after an edit of `material_kernel.py` or `static.py` touch it,
+and after one of this file `chain.py`, which calls it from compiled code.
 """
 
 from __future__ import annotations
