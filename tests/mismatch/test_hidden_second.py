@@ -36,8 +36,9 @@ def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxat
 
 @pytest.mark.long
 def test_a_weak_second_effect_is_found_with_its_rivals_beside_one_that_seems_enough():
-    """A dead zone of 2.5 V (0.7 um at 1200 V) beside a delay that leaves nothing significant in the residuals."""
-    result = diagnose(concealed(DELAY | {"supply_dead_zone": {"V_dead_V": 2.5}}), "hooke+gm3", seed=1)
+    """A dead zone of 4 V (0.18 um once the rest is refitted, where the sensor resolves 0.15) beside a delay that leaves
+    nothing significant in the residuals."""
+    result = diagnose(concealed(DELAY | {"supply_dead_zone": {"V_dead_V": 4.0}}, scale=1.6), "hooke+gm3", seed=1)
     alone = result.naming.weighed["acquisition_delay"].fit
     assert scan(alone, np.random.default_rng(0)).p_value > ADEQUATE
     found = result.summary["indistinguishable"]
@@ -45,6 +46,16 @@ def test_a_weak_second_effect_is_found_with_its_rivals_beside_one_that_seems_eno
     assert "acquisition_delay" not in found
     # what bends the curve of voltage and stroke a little, too, is not told from it
     assert {"amplitude_softening+acquisition_delay", "stretch_dependent_permittivity+acquisition_delay"} <= set(found)
+
+
+@pytest.mark.long
+def test_a_second_effect_below_a_step_is_not_claimed():
+    """A dead zone of 2.5 V is 0.11 um beside a delay: 11 nats, and less than the sensor resolves (CONTRACT 1)."""
+    result = diagnose(concealed(DELAY | {"supply_dead_zone": {"V_dead_V": 2.5}}), "hooke+gm3", seed=1)
+    pair, alone = (result.naming.weighed[n] for n in ("supply_dead_zone+acquisition_delay", "acquisition_delay"))
+    assert pair.log_evidence > alone.log_evidence + 8.0
+    assert pair.size_m < 0.15e-6
+    assert result.summary["indistinguishable"] == ["acquisition_delay"]
 
 
 def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
