@@ -38,6 +38,10 @@ class BlockSettings:
     input_share: float = 0.015  # change of the input within a block, as a share of its range
 
 
+#: share of a recording for which readings have to be missing for that to be a hole in a picture
+LONG = 0.01
+
+
 @dataclass(frozen=True)
 class Blocks:
     """Blocks of rows start[i]..stop[i]-1 of one recording, in rising order, never overlapping.
@@ -58,10 +62,10 @@ class Blocks:
         """Number of blocks."""
         return int(self.start.size)
 
-    def behind_missing(self, share: float = 0.01) -> NDArray[np.int64]:
-        """Blocks (k,) before which readings are missing for more than a share of the recording: no line leads there."""
+    def behind_missing(self) -> NDArray[np.int64]:
+        """Blocks (k,) before which readings are missing for more than `LONG` of the recording: no line leads there."""
         apart = np.diff(self.time_s) - 0.5 * (self.duration_s[1:] + self.duration_s[:-1])
-        return np.flatnonzero((self.gap[1:] > 1) & (apart > share * (self.time_s[-1] - self.time_s[0]))) + 1
+        return np.flatnonzero((self.gap[1:] > 1) & (apart > LONG * (self.time_s[-1] - self.time_s[0]))) + 1
 
 
 def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None = None, *,

@@ -48,7 +48,7 @@ def test_a_weak_one_beside_a_strong_answer_that_creeps_stays_what_they_show():
         assert abs(in_this_recording(weak, SHOWN, t, y, u).frequency_Hz - 50.0) < 0.01
 
 
-def test_where_nothing_was_read_or_commanded_it_stays_near_what_they_show():
+def test_where_nothing_was_read_or_commanded_it_stays_what_they_show():
     t, _, u = recording(np.random.default_rng(7), 50.02, "sawtooth", 5.0)
     assert in_this_recording(LINE, SHOWN, t, np.full(t.size, np.nan), u) is LINE
     assert in_this_recording(LINE, SHOWN, t, np.zeros(t.size), np.zeros(t.size)) is LINE
