@@ -131,7 +131,7 @@ def test_mechanical_recordings_are_part_of_the_fit(unconverged):
     ("pz3", ["Kp", "Tz_s", "Tp_1_s", "Tp_2_s", "Tp_3_s"]),
     ("ss3", ["A11", "A22", "A33", "A12", "A13", "A23", "B1", "B2", "B3", "C1", "C2"]),
     pytest.param("neohooke", ["C1_Pa"], marks=pytest.mark.long),
-    ("yeoh+gm1", ["C1_Pa", "C2_Pa", "C3_Pa", "k_1_Pa", "tau_1_s"]),
+    pytest.param("yeoh+gm1", ["C1_Pa", "C2_Pa", "C3_Pa", "k_1_Pa", "tau_1_s"], marks=pytest.mark.long),
     pytest.param("gent+gkv1", ["mu_Pa", "J_lim", "k_1_Pa", "tau_1_s"], marks=pytest.mark.long),
 ])
 @pytest.mark.usefixtures("without_refits")

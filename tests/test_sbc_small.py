@@ -53,7 +53,7 @@ def test_ranks_of_the_truth_are_uniform() -> None:
 
 
 @pytest.mark.parametrize(("wrong", "caught"), [
-    (Wrong(sigma_factor=2.0), {"sigma", "log_likelihood"}),
+    pytest.param(Wrong(sigma_factor=2.0), {"sigma", "log_likelihood"}, marks=pytest.mark.long),
     (Wrong(gain_shift=2.5), {"gain", "Y_Pa"}),
 ])
 def test_what_is_wrong_is_caught(wrong: Wrong, caught: set[str]) -> None:

@@ -184,6 +184,7 @@ def test_the_answer_in_words():
     assert "cannot" not in statement(s)
 
 
+@pytest.mark.long
 def test_populations_find_the_scores_that_integrals_find(voltage_campaign):
     """Two ways to what a recording left out is worth, for a model whose posterior is simple enough for both."""
     from bayes_dea.comparison.integrate import IntegralSettings

@@ -99,6 +99,7 @@ def test_resume_and_anew_exclude_each_other(tmp_path):
     assert "--resume and --anew: give one of them" in done.stderr
 
 
+@pytest.mark.long
 def test_a_campaign_with_an_odd_recording_goes_on_to_the_same_numbers(tmp_path):
     """Fits without it begin where a coarse descent ended: what that had carried along is not kept, nor is it used."""
     campaign = concealed()

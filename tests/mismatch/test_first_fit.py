@@ -53,8 +53,8 @@ def _none_better(fit, prior, spread, tries):
         ({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance", False),
         ({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False),
         ({"leakage": LEAK}, "hooke+gm3+leakage", False),
-        ({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
-         "hooke+gm3+series_resistance+mullins_softening", True),
+        pytest.param({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
+                     "hooke+gm3+series_resistance+mullins_softening", True, marks=pytest.mark.long),
     ],
     ids=["resistance", "delay", "leak", "two"],
 )  # fmt: skip

@@ -43,6 +43,7 @@ def by_refits(fit, most=40.0):
     return np.exp(np.interp([0.05, 0.5, 0.95], np.cumsum(p) / p.sum(), fine))
 
 
+@pytest.mark.long
 def test_the_edge_of_a_prior_is_no_curvature(softened):
     """A prior that rises towards its bound is as flat there as before it."""
     problem = softened.corrected.problem
@@ -58,6 +59,7 @@ def test_the_edge_of_a_prior_is_no_curvature(softened):
     assert curvature[i, i] == pytest.approx(expected[i, i], rel=0.05)
 
 
+@pytest.mark.long
 def test_a_flat_prior_is_as_wide_as_its_box(softened):
     problem = softened.corrected.problem
     low, high = bounds(problem)
@@ -66,6 +68,7 @@ def test_a_flat_prior_is_as_wide_as_its_box(softened):
     assert curvature[i, i] == pytest.approx(12.0 / (high[i] - low[i]) ** 2, rel=1e-6)
 
 
+@pytest.mark.long
 def test_a_parameter_that_nothing_tells_keeps_the_width_of_its_prior(softened):
     """Of m the recordings say next to nothing: the maximum at the end of its prior is no answer."""
     s = softened.summary

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.gauss_newton.noise_prior import noise_prior
@@ -12,6 +13,7 @@ from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.rivals import again, from_the_leader
 
 
+@pytest.mark.long
 def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     """A lag and a damper are one function of these recordings; the damper's slow modes are sent elsewhere."""
     result = diagnose(concealed({"sensor_lag": {"tau_s_s": 0.02}}), "hooke+gm3", seed=1)

@@ -38,6 +38,7 @@ def test_a_lead_below_one_sample_is_timing_and_no_physics(lead_s):
     assert not any("recordings to validate" in w for w in s["warnings"])
 
 
+@pytest.mark.long
 def test_what_is_left_out_beside_a_lead_is_named_without_it():
     s = diagnose(led(concealed({"series_resistance": {"R_s_ohm": 1.2e5}}), 4e-4), "hooke+gm3").summary
     assert s["verdict"] == "series_resistance"
