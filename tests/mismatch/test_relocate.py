@@ -9,7 +9,7 @@ from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.search import relocate
 from bayes_dea.mismatch.search.relabel import stands_in
-from bayes_dea.mismatch.search.relocate import _parted, relocated, with_modes
+from bayes_dea.mismatch.search.relocate import _parted, _starts, relocated, with_modes
 
 
 @pytest.fixture
@@ -44,6 +44,21 @@ def test_a_mode_below_the_sampling_step_is_put_where_it_is_needed(right):
     assert stuck.objective > fit.objective + 5.0  # it has no slope to come back by
     back = relocated(stuck, prior)
     assert back.objective < fit.objective + 0.5
+
+
+def test_each_mode_is_tried_where_it_alone_does_best(right):
+    """Of a slow mode, which bends, the linear frame promises most, at several places that are one and not there."""
+    fit, prior = right
+    values = fit.values()
+    away = [(60.0, values["k_1_Pa"]), (2.0, values["k_2_Pa"]), (6e-3, 3e3)]
+    q = with_modes(fit, fit.problem.model, values, away)
+    moved = []
+    for start, _ in _starts(refit(fit.problem, q, fit.noise, prior, max_steps=0, fit_noise=False)):
+        there = fit.problem.model.physical(start[None, : fit.problem.model.dimension])
+        kept = [any(abs(float(there[f"tau_{j}_s"][0]) / tau - 1.0) < 1e-6 for j in (1, 2, 3)) for tau, _ in away]
+        assert kept.count(False) == 1
+        moved.append(kept.index(False))
+    assert sorted(moved) == [0, 1, 2]
 
 
 def test_two_modes_on_one_time_constant_are_parted(right):

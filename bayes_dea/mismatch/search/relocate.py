@@ -30,8 +30,6 @@ _LEAST = 2.0
 _ROUNDS = 2
 #: nats by which a descent has to end below where it all began for the fit to be made again from there
 _BETTER = 0.3
-#: points that fits begin from
-_TRIED = 2
 #: ratio of time constants below which two modes are one, and by what they are set apart, either way
 _ONE = 1.4
 _APART = (1.6, 4.0)
@@ -74,12 +72,15 @@ def begun_from(fit: Fit, other: Fit, prior: NoisePrior) -> Fit:
 
 
 def _starts(fit: Fit) -> list[tuple[Array, Array]]:
-    """The best points of the grid, each with its move; none where none is better than what is there."""
+    """The best point of the grid for each mode, with its move; none of one that is nowhere better than where it is.
+
+    The best two of all are mostly next to each other, and beside a slow mode, which bends, promise what is not there.
+    """
     frame = Frame(fit)
     below = frame.value(fit.clean)[0] - _LEAST
     here = float(fit.problem.log_prior(fit.q)[0])
-    found: list[tuple[float, Array, Array]] = []
-    for q in _elsewhere(fit):
+    best: dict[int, tuple[float, Array, Array]] = {}
+    for mode, q in _elsewhere(fit):
         change = float(fit.problem.log_prior(q)[0]) - here
         if not np.isfinite(change):
             continue
@@ -87,13 +88,13 @@ def _starts(fit: Fit) -> list[tuple[Array, Array]]:
         if not all(np.isfinite(x).all() for x in clean):
             continue
         value, move = frame.value(clean)
-        if value - change < below:
-            found.append((value - change, q, move))
-    return [(q, move) for _, q, move in sorted(found, key=lambda f: f[0])[:_TRIED]]
+        if value - change < min(below, best[mode][0] if mode in best else below):
+            best[mode] = value - change, q, move
+    return [(q, move) for _, q, move in sorted(best.values(), key=lambda f: f[0])]
 
 
-def _elsewhere(fit: Fit) -> list[Array]:
-    """Coordinates with one mode at another time constant, weak or strong."""
+def _elsewhere(fit: Fit) -> list[tuple[int, Array]]:
+    """Coordinates with one mode at another time constant, weak or strong, each with the number of that mode."""
     model, values = fit.problem.model, fit.values()
     steps = [p.prepared.step_s for p in fit.problem.pieces]
     spans = [float(p.recording.time_s[-1] - p.recording.time_s[0]) for p in fit.problem.pieces]
@@ -105,7 +106,7 @@ def _elsewhere(fit: Fit) -> list[Array]:
         for tau in np.geomspace(2.0 * min(steps), max(spans), _TIMES):
             for share in _SHARES:
                 k = stiff * share if model.spec.network == "gm" else stiff / share
-                out.append(with_modes(fit, model, values, [*kept, (float(tau), k)]))
+                out.append((i, with_modes(fit, model, values, [*kept, (float(tau), k)])))
     return out
 
 
