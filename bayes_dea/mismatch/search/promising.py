@@ -185,7 +185,12 @@ class _Refits:
             # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
             costly = self.left > SMALL and bool(_COSTLY.intersection(s.effects) - self._there)
             most = half + REMAINS * self.left if costly else math.inf
-            w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most) if promising else None
+            w = None
+            if promising:
+                w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most)
+            elif not wanted and self._may_be_between(s):
+                enough = s.base_objective - max(least, asked_of(s, self._there, self.left))
+                w = refine(self.base, s, self.prior, starts, best, at_most=min(most, enough))
             if w is not None:
                 best = min(best, w.value)
                 reached = max(reached, self.base.objective - w.fit.objective)
@@ -197,6 +202,16 @@ class _Refits:
                 highest = self.base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
                 w = Weighed(s.effects, self.base, min(s.log_evidence, highest), 0.5, 0.0)
             self._take(s, w)
+
+    def _may_be_between(self, s: Screened) -> bool:
+        """Whether a descent from the best point is to say if an effect lies between the points of its grid.
+
+        What is known far better than they are apart looks worse than none at each of them (a mass damped well, by a
+        sensor to which a tenth of a millisecond is much). For what has one parameter the grid itself looks between
+        them; beside what is dear to simulate that takes too long, and beside others the rest are told by theirs.
+        """
+        alone = not self._there or (MASS in s.effects and not (DEAR | CHARGES).intersection(self._there))
+        return alone and own_index(self.base, s.model).size > 1
 
     def climb(self, elsewhere_reached: float) -> dict[str, float]:
         """The leading ones may still sit in a local maximum. Given are the objectives that all had before."""
