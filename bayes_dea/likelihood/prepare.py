@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 CHANNELS = {"displacement_m": "displacement", "force_N": "force"}
 #: readings at rest that say how large the noise is and how correlated (to 3 %, and to 0.05)
 _AT_REST = 512
+#: share of the largest voltage that a recording may begin with and count as begun at rest: its square is nothing
+_AT_NOTHING = 0.01
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Prepared:
     """One recording with its masks and its disturbances.
 
     y (n,): observed column, NaN where not observed. observed (n,) bool: neither gap nor drop-out, nor a reading that a
-    sensor holds for a while (`stuck` of them).
+    sensor holds for a while (`stuck` of them), nor the first one of a recording that begins under voltage.
     """
 
     recording: Recording
@@ -147,6 +149,8 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     else:
         dropouts = beside(y, np.bool_)
     observed = computed(lambda a, out: np.isfinite(a) & ~out, y, dropouts, dtype=np.bool_)
+    if recording.is_voltage and _begins_under_voltage(drive):
+        observed[0] = False
     if np.count_nonzero(observed) < 20:
         raise InputError(
             f"{recording.name}: only {np.count_nonzero(observed)} samples of {recording.output} were observed; "
@@ -164,6 +168,15 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         observed = computed(lambda seen, out: seen & ~out, observed, stuck, dtype=np.bool_) if held else observed
     masked = int(np.count_nonzero(dropouts))
     return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n, held)
+
+
+def _begins_under_voltage(drive: NDArray[np.float64]) -> bool:
+    """Whether a voltage (n,) is on from the first row.
+
+    The actuator was at rest before it; whether it was read just before the voltage acted or just after, no convention
+    says, and a step that one reading lacks is hundreds of its noise: a mode or a lag would be bent to explain it.
+    """
+    return bool(abs(drive[0]) > _AT_NOTHING * max(abs(float(np.max(drive))), abs(float(np.min(drive)))))
 
 
 def prepare_all(
