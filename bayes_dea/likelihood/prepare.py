@@ -173,8 +173,8 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
 def _begins_under_voltage(drive: NDArray[np.float64]) -> bool:
     """Whether a voltage (n,) is on from the first row.
 
-    The actuator was at rest before it; whether it was read just before the voltage acted or just after, no convention
-    says, and a step that one reading lacks is hundreds of its noise: a mode or a lag would be bent to explain it.
+    An actuator that was at rest before it was read just before the voltage acted or just after: no convention says
+    which, and a step that one reading lacks is tens of its noise: a mode or a lag would be bent to explain it.
     """
     return bool(abs(drive[0]) > _AT_NOTHING * max(abs(float(np.max(drive))), abs(float(np.min(drive)))))
 

@@ -178,7 +178,8 @@ class _Refits:
         half = 0.5 * sum(p.blocks.n for p in self.base.problem.pieces)
         for k, s in enumerate(_in_order(self.base, self.screened)):
             self.quest.say("refitting", k, len(self.screened), "+".join(s.effects))
-            wanted = s.gain > max(least, asked_of(s, self._there, self.left))
+            asked = max(least, asked_of(s, self._there, self.left))
+            wanted = s.gain > asked
             promising = wanted and (k < _REFITTED or s.gain > taken - _NEAR)
             # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
             further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in self.screened)
@@ -189,8 +190,7 @@ class _Refits:
             if promising:
                 w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most)
             elif not wanted and self._may_be_between(s):
-                enough = s.base_objective - max(least, asked_of(s, self._there, self.left))
-                w = refine(self.base, s, self.prior, starts, best, at_most=min(most, enough))
+                w = refine(self.base, s, self.prior, starts, best, at_most=min(most, s.base_objective - asked))
             if w is not None:
                 best = min(best, w.value)
                 reached = max(reached, self.base.objective - w.fit.objective)
@@ -204,11 +204,12 @@ class _Refits:
             self._take(s, w)
 
     def _may_be_between(self, s: Screened) -> bool:
-        """Whether a descent from the best point is to say if an effect lies between the points of its grid.
+        """Whether a descent from the best points is to say if an effect lies between those of its grid.
 
         What is known far better than they are apart looks worse than none at each of them (a mass damped well, by a
         sensor to which a tenth of a millisecond is much). For what has one parameter the grid itself looks between
-        them; beside what is dear to simulate that takes too long, and beside others the rest are told by theirs.
+        them. Beside other effects a descent each takes too long (3 to 13 s a campaign), but for a mass beside what is
+        quick to simulate.
         """
         alone = not self._there or (MASS in s.effects and not (DEAR | CHARGES).intersection(self._there))
         return alone and own_index(self.base, s.model).size > 1
