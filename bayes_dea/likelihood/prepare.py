@@ -149,7 +149,7 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     else:
         dropouts = beside(y, np.bool_)
     observed = computed(lambda a, out: np.isfinite(a) & ~out, y, dropouts, dtype=np.bool_)
-    if recording.is_voltage and _begins_under_voltage(drive):
+    if recording.is_voltage and begins_under_voltage(drive):
         observed[0] = False
     if np.count_nonzero(observed) < 20:
         raise InputError(
@@ -170,8 +170,8 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n, held)
 
 
-def _begins_under_voltage(drive: NDArray[np.float64]) -> bool:
-    """Whether a voltage (n,) is on from the first row.
+def begins_under_voltage(drive: NDArray[np.float64]) -> bool:
+    """Whether a voltage (n,) [V] is on from the first row: above a hundredth of its largest.
 
     An actuator that was at rest before it was read just before the voltage acted or just after: no convention says
     which, and a step that one reading lacks is tens of its noise: a mode or a lag would be bent to explain it.

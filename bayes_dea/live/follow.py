@@ -160,7 +160,7 @@ class CurvedLearner(Learner):
             for session, rows, context in self._take(min(self.block, self._waiting)):
                 masked = self._dropouts(rows, context)
                 self.masked += int(masked.sum())
-                self._pieces.append((session, rows, masked))
+                self._pieces.append((session, rows, self._without_first(rows, context, masked)))
                 self.samples += len(rows)
         self._opening = threading.Thread(target=self._work, name="live opening", daemon=True)
         self._opening.start()

@@ -19,6 +19,7 @@ from ..likelihood.basis import LagBasis
 from ..likelihood.gram import RecordGram
 from ..likelihood.linear_group import LinearGroup
 from ..likelihood.posterior import Posterior
+from ..likelihood.prepare import begins_under_voltage
 from ..models.electrostatics import stress_factor, stroke_factor
 from ..models.model import Model
 from ..noise.dropouts import find_dropouts
@@ -189,6 +190,7 @@ class Learner:
             still = standing_still(rows[:, 2])
             alarms += self.monitor.dropouts(int((masked & ~still).sum()), len(rows), time_s)
             alarms += self.monitor.standing(rows[still, 2], time_s)
+            masked = self._without_first(rows, context, masked)
             assert self.mains is not None
             got = sums.add(rows[:, 0], rows[:, 1], rows[:, 2], masked, self.mains.frequencies, self._beyond())
             self._remember(number, rows, masked, sums.last_beyond)
@@ -395,6 +397,17 @@ class Learner:
         found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS,
                               resolution=self.bench.sensor.resolution)
         return np.asarray(found[len(context[0]) : len(context[0]) + len(rows)] | standing_still(rows[:, 2]))
+
+    def _without_first(self, rows: Array, context: tuple[Array, Array], masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The mask with the first reading of a session that begins under voltage in it, as `prepare` has it of a file.
+
+        No drop-out, hence apart from them.
+        """
+        if len(context[0]) or not begins_under_voltage(rows[:, 1]):
+            return masked
+        out = masked.copy()
+        out[0] = True
+        return out
 
     # ------------------------------------------------------------ mains
     def _remember(self, number: int, rows: Array, masked: NDArray[np.bool_], beyond: Array) -> None:

@@ -170,3 +170,18 @@ def test_span_of_a_long_stream():
     low, high = np.quantile(values, [0.001, 0.999])
     assert kept._n <= 2000
     assert kept.span() == pytest.approx(high - low, rel=0.15)
+
+
+def test_the_first_reading_of_a_session_that_begins_under_voltage_does_not_matter(rows):
+    """As in `calibrate`: it may be from before that voltage acted or from after."""
+    under = rows[np.argmax(rows[:, 1] > 300.0) :].copy()
+    with_another = under.copy()
+    with_another[0, 2] += 100e-6
+    a, _ = taught(under, portions=3, particles=300)
+    b, _ = taught(with_another, portions=3, particles=300)
+    assert a.samples == b.samples > 2000
+    assert a.masked == b.masked == 0  # no drop-out
+    draws = a.settled()
+    assert a.posterior.log_prob(draws) == pytest.approx(b.posterior.log_prob(draws), abs=1e-6)
+    difference = batch_of(with_another[: b.samples]).posterior.log_prob(draws) - b.posterior.log_prob(draws)
+    assert np.ptp(difference) < 0.1
