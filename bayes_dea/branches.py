@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .find_map import MapResult, VoltageSearch
+from .find_map import MapResult
 from .fit.descent import DescentSettings, descend
 from .fit.polish import NewtonSettings, polish_newton
 from .likelihood.linear_group import LinearGroup
 from .likelihood.posterior import Posterior
+from .map_search.voltage import VoltageSearch
 
 Array = NDArray[np.float64]
 

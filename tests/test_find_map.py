@@ -13,17 +13,12 @@ from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Compression, Creep, Relaxation, Wave
 from bayes_dea.bench.rig import Material
 from bayes_dea.campaign import Campaign
-from bayes_dea.find_map import (
-    MapSettings,
-    VoltageSearch,
-    _of_press,
-    _same,
-    find_map,
-    laplace_covariance,
-    posterior_scale,
-)
+from bayes_dea.find_map import MapSettings, _same, find_map, laplace_covariance, posterior_scale
 from bayes_dea.fit.descent import descend
 from bayes_dea.fit.polish import NewtonPolish
+from bayes_dea.map_search.starts import _of_press
+from bayes_dea.map_search.straight import bent, parted
+from bayes_dea.map_search.voltage import VoltageSearch
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import Prior
 
@@ -256,15 +251,13 @@ def test_lengths_of_coordinates(both):
     assert scale["zero_relax_m"] == pytest.approx(0.02 * 10.261e-3)
 
 
-def test_branches_that_took_on_the_bend_of_a_law_are_parted() -> None:
-    from bayes_dea.find_map import _bent, _parted
-
+def test_branches_that_took_on_the_bend_of_a_law_areparted() -> None:
     model, straight = build_model("yeoh+gm2"), build_model("hooke+gm2")
-    assert _bent(model, straight)
-    assert not _bent(straight, straight)
-    assert not _bent(build_model("yeoh"), build_model("hooke"))
+    assert bent(model, straight)
+    assert not bent(straight, straight)
+    assert not bent(build_model("yeoh"), build_model("hooke"))
     x = np.concatenate([model.prior_draws(1, np.random.default_rng(3))[0], [0.3]])
-    y = _parted(model, x)
+    y = parted(model, x)
     before = model.physical(x[None, :-1])
     after = model.physical(y[None, :-1])
     assert y[-1] == x[-1]
