@@ -28,11 +28,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
+from .compiled import njit
 from .errors import InputError
 
 FAMILIES = {
@@ -312,7 +312,7 @@ class PriorSet:
         return np.array([p.prior.coordinate_sd() for p in self.free])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _joint_logpdf(z, family, a, b, reference, plain, shift, before, bounds, constant, out):
     for n in range(z.shape[0]):
         total = constant

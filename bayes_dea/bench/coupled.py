@@ -16,7 +16,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit  # type: ignore[import-untyped]
+
+from ..compiled import njit
 
 #: error allowed to a substep, in strain (4e-7 is 4 nm of the default stack)
 TOLERANCE = 4e-7

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit  # type: ignore[import-untyped]
+
+from ..compiled import njit
 
 #: sub-step as a fraction of the shortest time constant: the relative error of the rule is its square / 12
 SUBSTEP = 0.01

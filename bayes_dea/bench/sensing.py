@@ -7,10 +7,11 @@ Gain, offset, mains and noise are added afterwards (`nuisance`), clipping last o
 from __future__ import annotations
 
 import numpy as np
-from numba import njit  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from bayes_dea.bench.effects import Effects
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
+
+from ..compiled import njit
 
 #: a swing counts when it covers this share of the whole span: noise and small corrections are no repetition
 _SWING = 0.2
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _rises(v, swing, out):
     """Rows at which a rise of at least `swing` begins, into out as far as it goes; their number. nan rows do not count.
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from .scratch import BLOCK, pieces
 
 Array = NDArray[np.float64]
@@ -122,7 +122,7 @@ def _turned(bits: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.where(bits < 0, bits ^ np.int64(0x7FFFFFFFFFFFFFFF), bits)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _count(bits, prefix, level, counts):
     """How often each next digit comes among the numbers with this prefix."""
     for b in bits:
@@ -133,7 +133,7 @@ def _count(bits, prefix, level, counts):
             counts[(k >> (48 - 16 * level)) & 0xFFFF] += 1
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _pick(bits, prefix, level):
     """The numbers with this prefix, as integers in their order."""
     out = np.empty(bits.size, np.int64)

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayes_dea.errors import InputError
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 

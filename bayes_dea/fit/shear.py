@@ -12,8 +12,9 @@ from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 #: standardised coordinates beyond this count as this, or cubes would rule the tails

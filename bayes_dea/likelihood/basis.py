@@ -13,12 +13,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from ..campaign.scratch import BLOCK, pieces
+from ..compiled import njit
 from ..errors import InputError
 from ..models.lags import HOLD_CODES, Drive, lag_rows
 
@@ -43,7 +43,7 @@ class LagBasis:
         return int(self.time_constants.size)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def coefficients(D, c, T, table, log_low, step, reference, out):
     """Response vectors of modes: D (B,), c (B, m), T (B, m) into out (B, K + 1), the input last."""
     B, m = c.shape

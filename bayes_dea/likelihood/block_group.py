@@ -13,13 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.rhythm import with_a_reading
 from ..campaign.schema import Recording
 from ..campaign.scratch import BLOCK, computed, copied, joined, kept, pieces
+from ..compiled import njit
 from ..errors import InputError
 from ..forward import POSITION_BLOCKS, imposed_pieces, imposed_position, memory, past_intervals, row_durations, sign_of
 from ..models.chain import Material, forces, materials, strains
@@ -151,7 +151,7 @@ def _intervals(drive: Drive, blocks: Blocks, hold: str) -> tuple[NDArray, NDArra
     return h, mean, np.searchsorted(cut, blocks.start), (m + extra) / (2.0 * m)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
     """Per draw b: x'Px, x'Py, y'Py, log det of the covariance, with P the precision after the nuisance columns."""
     B, n = X.shape
@@ -204,7 +204,7 @@ def _project(X, y, nuisance, precision, counts, gaps, sigma, rho, white, out):
         out[b, 3] = logdet + n * math.log(2 * math.pi)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _within_terms(sums, residual_means, counts, gaps, sigma, rho, white, out):
     """Log density of the full reference residual minus that of its block means, per draw."""
     n = counts.size

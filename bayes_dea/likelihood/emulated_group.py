@@ -13,10 +13,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..models.model import Model
 from ..noise.blocks import _whiten
 from .block_group import _LARGEST_RHO, BlockRecord
@@ -169,7 +169,7 @@ class Unit:
         return out
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _quadratic(scores, forms, weights, out):
     """x'Px, x'Py, y'Py of x = (1, scores) at weighted nodes, into out (B, 3+)."""
     B, r = scores.shape

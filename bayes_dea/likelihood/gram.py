@@ -18,12 +18,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.order import median
 from ..campaign.scratch import BLOCK, beside, pieces
+from ..compiled import njit
 from ..models.lags import Drive, lag_rows
 from .basis import LagBasis
 
@@ -256,7 +256,7 @@ def sum_group(grams: Sequence[RecordGram], gain_sd: float) -> GramGroup:
 _LARGEST = 3e14
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _stack_weights(sigma, rhos, steps, rates, out):
     """Weight of each stacked sum in the inverse covariance, and log det of the covariance per pair class."""
     c = steps.size
@@ -271,7 +271,7 @@ def _stack_weights(sigma, rhos, steps, rates, out):
         out[1 + 2 * c + k] = -v * r
 
 
-@nb.njit(cache=True, fastmath={"reassoc", "contract"})  # sums may be reordered, so that they run in vector registers
+@njit(cache=True, fastmath={"reassoc", "contract"})  # sums may be reordered, so that they run in vector registers
 def evaluate(coef, sigma, rho, total, steps, rates, pairs, chains, n, side, inner, precision, gain_sd, out):
     """Log likelihood of B parameter sets, with nuisance and gain integrated out.
 

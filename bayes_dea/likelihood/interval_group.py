@@ -16,10 +16,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..models.chain import materials
 from ..models.model import Model
 from ..noise.blocks import BlockSettings
@@ -32,7 +32,7 @@ _ITERATIONS = 25
 INTERVAL_BLOCKS = BlockSettings(per_decade=30, input_share=0.01)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _log_erfc(x):
     if x < 25.0:
         return math.log(math.erfc(x))
@@ -40,7 +40,7 @@ def _log_erfc(x):
     return -x * x - math.log(x * math.sqrt(math.pi)) + math.log1p(-y + 3 * y * y - 15 * y**3 + 105 * y**4)
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def log_interval(lower, upper):
     """log of the standard normal mass between two limits, with its first two derivatives to a common shift of both.
 
@@ -60,7 +60,7 @@ def log_interval(lower, upper):
     return log_p, first, (lower * at_lower - upper * at_upper) - first * first
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _evaluate(X, record, levels, counts, sigma, step, offset_sd, gain_sd, out):
     """Laplace-integrated log likelihood of B draws over N blocks in R recordings; out (B, 4) as the other groups."""
     B, N = X.shape

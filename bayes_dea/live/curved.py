@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
@@ -31,6 +30,7 @@ from ..likelihood.polynomial import Polynomial, monomials, polynomial_around
 from ..models import plant_kernel as pk
 from ..models.model import Model
 from ..models.plant import plant_of
+from ..models.plants_kernel import run_all
 from .sums import Rows, weighted
 from .target import StreamGroup
 
@@ -76,13 +76,6 @@ def powers_for(model: Model, z: Array) -> Array:
     return np.where((powers == 0.0) & open_, 1.0, powers)
 
 
-@njit(cache=True, nogil=True)
-def _advance(W, laws, h, u0, u1, out):  # type: ignore[no-untyped-def]
-    """Strains (m, n) of m plants over n steps; their states in W (m, SIZE) go on."""
-    for i in range(W.shape[0]):
-        pk.run(W[i], laws[i], h, u0, u1, out[i])
-
-
 @dataclass
 class Bank:
     """Plants at coordinates z (m, d), rested at first. W (m, SIZE): numbers and states."""
@@ -106,7 +99,7 @@ class Bank:
     def advance(self, dt: Array, before_V: Array, after_V: Array) -> Array:
         """Displacements (m, n) in m after steps dt (n,) s, the voltage straight from before_V to after_V in each."""
         out = np.empty((len(self.W), dt.size))
-        _advance(self.W, self._laws, dt, before_V, after_V, out)
+        run_all(self.W, self._laws, dt, before_V, after_V, out)
         out *= self._stroke
         return np.asarray(out + self._bend[:, None] * out * out if self._bend.any() else out)
 

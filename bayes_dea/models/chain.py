@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
 from ..campaign.scratch import beside
+from ..compiled import njit
 from ..errors import InputError
 from . import material_kernel as mk
 from . import plate_kernel as plates
@@ -67,7 +67,7 @@ def materials_of(model: Model, values: dict[str, NDArray]) -> Material:
     )
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _strains(law_id, p, network, k, tau, d0, h, stress, jump, end):
     n = k.shape[1]
     state = np.empty(n + 1)
@@ -76,7 +76,7 @@ def _strains(law_id, p, network, k, tau, d0, h, stress, jump, end):
         stress_driven_kernel(law_id, p[b], network, k[b], tau[b], d0[b], h, stress, state, jump[b], end[b])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, contact, e, stress, material, out):
     n = k.shape[1]
     m = position.size
@@ -90,7 +90,7 @@ def _forces(law_id, p, network, k, tau, d0, h, position, zero, height, area, con
             out[b, i] = stress[i] * area / (1.0 - material[i])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _plate_forces(law_id, p, k, tau, h, position, zero, height, area, contact, e, stress, material, out):
     """The same of Maxwell branches in parallel with the law, by the kernel that a diagnosis uses."""
     n = k.shape[1]

@@ -1,14 +1,13 @@
 """The dielectric's circuit along one step: charging through a resistance, stored charge, Maxwell stress.
 
-The supply is straight within a step. Compiled into the kernel that calls it; Numba keeps its code by the date of its
-own file: after an edit of this one touch `plant_kernel.py` and `supply_kernel.py`.
+The supply is straight within a step. Compiled into the kernels that call it (`plant_kernel`, `supply_kernel`).
 """
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
+from ..compiled import njit
 
 #: for what takes arrays: handing one on costs more than a whole step, because its references are counted
 inline = njit(cache=True, error_model="numpy", nogil=True, inline="always")

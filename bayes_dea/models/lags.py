@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.scratch import BLOCK, beside, pieces
+from ..compiled import njit
 from ..errors import InputError
 from .four_rows import ROWS, four_rows
 
@@ -106,7 +106,7 @@ def make_drive(time_s: NDArray, stress: NDArray, hold: str, middle: NDArray | No
     return Drive(dt, step, stress, np.ascontiguousarray(middle, float), HOLD_CODES[hold])
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _weights(h, T):
     """Decay and weights of the input at start, middle and end of a step of length h, for a quadratic input."""
     p = h / T
@@ -124,7 +124,7 @@ def _weights(h, T):
     return a, m0 - 3 * m1 + 2 * m2, 4 * (m1 - m2), 2 * m2 - m1
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _tables(h, T, c, D, hold, now, later, carried, decay):
     """Fill the tables of `four_rows` for up to four modes T, c (m,) at even steps h.
 
@@ -158,7 +158,7 @@ def _tables(h, T, c, D, hold, now, later, carried, decay):
         decay[1, j] = (1.0 - decay[0, j]) - lost
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _bury(f):
     """Put states (m,) to rest that have died."""
     for k in range(f.size):
@@ -166,7 +166,7 @@ def _bury(f):
             f[k] = 0.0
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def _even(h, s, middle, hold, D, c, T, states, out, add):
     """Even steps: up to four modes in one pass over all rows but the first. states (m,) are carried on.
 
@@ -211,7 +211,7 @@ def _even(h, s, middle, hold, D, c, T, states, out, add):
         states[j] = here
 
 
-@nb.njit(cache=True)
+@njit(cache=True)
 def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
     """Strain (n,) into `out` of one network in modes form, and its final lag states.
 
@@ -255,7 +255,7 @@ def respond(dt, uniform, s, middle, hold, D, c, T, f0, out):
     return states
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def lag_rows(dt, s, middle, hold, T, f, start, stop, out):
     """Lag responses of rows start..stop-1 for many time constants at once, out (rows, K); f (K,) is carried.
 
@@ -291,7 +291,7 @@ def lag_rows(dt, s, middle, hold, T, f, start, stop, out):
             out[i - start, k] = f[k]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def lag_block_sums(dt, s, middle, hold, T, f, which, weight, out):
     """Weighted sums of lag responses and, last column, of the input over the blocks `which` (n,) names."""
     K = T.size

@@ -3,16 +3,13 @@
 Friction after Iwan (10.1115/1.3607751), worked out by Masing's rules (1926) from the points of reversal instead of
 element by element, which is the same; softening after Ogden and Roxburgh (10.1098/rspa.1999.0431). Compiled into
 `plant_kernel` (under voltage) and `plate_kernel` (between plates), which add what is viscoelastic.
-
-Numba keeps compiled code by the dates of those files alone: after an edit of this one touch them.
 """
 
 from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from ..compiled import njit
 from .circuit_kernel import inline
 from .static import HOOKE, law_stress_tangent
 

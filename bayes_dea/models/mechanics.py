@@ -15,8 +15,6 @@ is quadratic; its distance from the linear path at the same end is the error est
 of second order, and a step is cut until that is below `PATH_TOLERANCE`. The quadratic result, of third
 order, is what is kept. This is the embedded-pair device of adaptive solvers, applied to exponential
 integrators (Hochbruck and Ostermann, 10.1017/S0962492910000048).
-
-Numba keeps compiled code by the date of this file alone: after an edit of `static.py` touch this one.
 """
 
 from __future__ import annotations
@@ -25,12 +23,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.models.static import HOOKE, N_PARAMETERS, StaticLaw, law_stress_tangent
 from bayes_dea.models.static import law as law_by_name
 from bayes_dea.models.stiff_gkv import coupled_rates, ramp_step
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 

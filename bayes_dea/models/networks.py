@@ -17,12 +17,13 @@ All arrays are (batch, n); orders fall: tau_1 > tau_2 > ...
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
+
 # division by zero, where absurd parameters coincide, gives inf or nan: the caller turns both into -inf
-_jit = nb.njit(cache=True, error_model="numpy")
+_jit = njit(cache=True, error_model="numpy")
 
 
 @_jit

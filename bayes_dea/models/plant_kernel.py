@@ -12,9 +12,6 @@ middle, which the modes know, tells how wrong that is, and the step is cut where
 
 Equations: force balance and circuit as in the reference paper (Eqs. 1-6, Table SII) with the effects of the catalogue
 of missing physics; the material in `material_kernel`, the circuit in `circuit_kernel`.
-
-Numba keeps compiled code by the date of this file alone: after an edit of one of these or of `static.py` touch it, and
-after one of this file `live/curved.py`, which calls it from compiled code.
 """
 
 from __future__ import annotations
@@ -22,8 +19,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from .circuit_kernel import charge, field, fold, following, halved, leaking, place, shorter, stored, straight
 from .material_kernel import (
     BEYOND,

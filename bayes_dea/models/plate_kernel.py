@@ -3,9 +3,6 @@
 While the plates touch, the strain is straight from knot to knot and branches follow exactly. Plates do not pull (a
 film does not push): where they would have to, the material goes its own way at zero stress until the plates meet it
 again. A loss or a gain of contact is placed where straight lines cross.
-
-Numba keeps compiled code by the date of this file alone: after an edit of `material_kernel.py` or `static.py` touch it,
-and after one of this file `chain.py`, which calls it from compiled code.
 """
 
 from __future__ import annotations
@@ -13,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from .circuit_kernel import fold, phi1, shorter
 from .material_kernel import (
     BEYOND,

@@ -10,10 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.errors import InputError
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..errors import InputError
 from .electrostatics import VOLTAGE_GEOMETRY
 from .mechanics import GKV, strain_driven_kernel

@@ -18,10 +18,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.errors import InputError
+
+from ..compiled import njit
 
 HOOKE, NEOHOOKE, YEOH, MOONEY, GENT, OGDEN = range(6)
 #: length of the parameter array of every law

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from .circuit_kernel import inline, leaking, place
 
 #: a ramp is cut into lines of at most so many volts, because the stress along it is the square

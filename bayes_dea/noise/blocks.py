@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median
@@ -20,6 +19,8 @@ from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.scratch import beside, computed, kept
 from bayes_dea.errors import InputError
 from bayes_dea.noise.edges import find_edges, input_noise
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 #: rows read at a slower pace that stay alone; of more than these blocks are cut, as if all were as correlated

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import of, quantiles
 from bayes_dea.campaign.scratch import BLOCK, beside, copied, pieces, rows_where
 from bayes_dea.noise.edges import dense, find_edges
+
+from ..compiled import njit
 
 #: half-width in samples of the one-sided windows that give the local scale
 _LOCAL = 25

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import median
@@ -14,6 +13,8 @@ from bayes_dea.campaign.pace import pace_of
 from bayes_dea.campaign.rhythm import with_a_reading
 from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
 from bayes_dea.noise.edges import input_noise
+
+from ..compiled import njit
 
 Array = NDArray[np.float64]
 LAGS = 20

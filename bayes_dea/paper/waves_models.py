@@ -7,9 +7,9 @@ puts it into the differential equations of the model, whose states stay as they 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..models.lags import make_drive, simulate_modes
 from .printed import printed
 from .reconstruct import hooke_displacement

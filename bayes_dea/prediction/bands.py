@@ -12,11 +12,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from ..compiled import njit
 from .simulators import Simulator
 
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -43,7 +43,7 @@ class Bands:
     reading: Array | None
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _quantiles(x, order, place, weight, out):
     """Quantiles of each row of x (rows, S) into out (levels, rows); `order` (S,) is where sorting starts."""
     rows, S = x.shape
@@ -64,7 +64,7 @@ def _quantiles(x, order, place, weight, out):
             out[q, i] = v[a] + weight[q] * (v[b] - v[a])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _readings(x, gain, shift, out):
     """Both signs of each draw's deviate: chance correlation of deviates and draws cancels."""
     rows, S = x.shape

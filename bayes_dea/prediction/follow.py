@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..models.lags import Drive, simulate_modes
 from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, _allowed
 
@@ -54,7 +54,7 @@ class Network:
     a: Array
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _gains(c, a, noise, q, held, row_of_s, gain, spread):
     """Forward pass of the covariances. State: the lags, s, and its step. noise (n,): variance of y; held (n,): bool.
 
@@ -118,7 +118,7 @@ def _gains(c, a, noise, q, held, row_of_s, gain, spread):
                     P[x, y] -= Ph[x] * Ph[y] / S
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _means(c, a, wish, held, at, row_of_s, gain, spread, out):
     """Forward and backward pass of the means with these gains: the smoothed s (n,) into out."""
     n, k = a.shape
@@ -241,7 +241,7 @@ class _Smoother:
         return out
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _answer(c, a, s, out):
     f = np.zeros(c.size)
     for i in range(s.size):
@@ -251,7 +251,7 @@ def _answer(c, a, s, out):
             out[i] += c[j] * f[j]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _limited(wanted, time_s, dt, top, frequency, out, fast):
     """The command within the limits of speed, row after row, and where these forbade what was wanted."""
     memory = np.array([wanted[0], 0.0, wanted[0], -np.inf])

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiled import njit
 from ..models.chain import Material
 from ..models.lags import Drive, _weights
 from ..models.mechanics import stress_driven_kernel
@@ -49,7 +49,7 @@ class Inverted:
     flag: NDArray[np.int8]
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _allowed(v, t, step, top, frequency, memory):
     """The nearest allowed voltage and whether speed forbade `v`. memory: last V, direction, extreme, time of turn."""
     fast = False
@@ -79,7 +79,7 @@ def _allowed(v, t, step, top, frequency, memory):
     return out, fast
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _flag(v, out, fast, top):
     if fast:
         return FAST
@@ -90,7 +90,7 @@ def _flag(v, out, fast, top):
     return MET
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _linear(
     time_s, dt, hold, factor, D, c, T, wish, top, frequency, c_slow, T_slow, T_fast, ahead, calm, voltage, flag
 ):
@@ -172,7 +172,7 @@ def _linear(
 _LOW, _HIGH, _SEARCH, _COMMIT = range(4)
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _material(
     time_s, h, dt, factor, law_id, p, network, k, tau, d0, wish, share, top, frequency, voltage, flag
 ):

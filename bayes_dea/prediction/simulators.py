@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
+from ..compiled import njit
 from ..errors import InputError
 from ..forward import row_durations
 from ..models.chain import Material, materials
@@ -47,7 +47,7 @@ class LinearSimulator:
         return out
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _add_modes(f, c, out):
     B, m = c.shape
     for i in range(f.shape[0]):
@@ -58,13 +58,13 @@ def _add_modes(f, c, out):
             out[i, b] += total
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _strains_on(law_id, p, network, k, tau, d0, h, stress, state, jump, end):
     for b in range(p.shape[0]):
         stress_driven_kernel(law_id, p[b], network, k[b], tau[b], d0[b], h, stress, state[b], jump[b], end[b])
 
 
-@nb.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _forces_on(law_id, p, network, k, tau, d0, h, e, contact, area, state, stress, material):
     for b in range(p.shape[0]):
         strain_driven_kernel(

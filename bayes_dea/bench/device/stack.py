@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from bayes_dea.bench.integrate import SUBSTEP
 from bayes_dea.bench.rig import Geometry, Material, Rig
+
+from ...compiled import njit
 
 Array = NDArray[np.float64]
 
