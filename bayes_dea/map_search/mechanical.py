@@ -8,9 +8,9 @@ from scipy.special import ndtri
 
 from ..likelihood.block_group import BlockGroup
 from ..models.chain import Material, forces, maxwell_form
-from ..models.mechanics import GKM, GM
 from ..models.model import Model
 from ..models.networks import maxwell_to_modes
+from ..models.stress_kernel import GKM, GM
 from .projection import Projection, Times
 
 

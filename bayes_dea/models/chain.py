@@ -14,10 +14,11 @@ from ..errors import InputError
 from . import material_kernel as mk
 from . import plate_kernel as plates
 from .electrostatics import require
-from .mechanics import GKM, GKV, GM, strain_driven_kernel, stress_driven_kernel
 from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell
 from .static import HOOKE, LAWS
+from .strain_kernel import strain_driven_kernel
+from .stress_kernel import GKM, GKV, GM, stress_driven_kernel
 
 
 @dataclass(frozen=True)

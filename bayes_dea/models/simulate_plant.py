@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from ..compiled import njit
 from ..errors import InputError
 from .electrostatics import VOLTAGE_GEOMETRY
-from .mechanics import GKV, strain_driven_kernel
 from .nodes import Nodes
 from .path import Path, durations
 from .plant import Plant
@@ -16,6 +15,8 @@ from .plant_kernel import P_WHOLE, drive_voltage
 from .plate_kernel import drive_position
 from .static import law_stress_tangent
 from .steps import Steps
+from .strain_kernel import strain_driven_kernel
+from .stress_kernel import GKV
 from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
 
 

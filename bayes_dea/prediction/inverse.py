@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..compiled import njit
 from ..models.chain import Material
 from ..models.lags import Drive, _weights
-from ..models.mechanics import stress_driven_kernel
+from ..models.stress_kernel import stress_driven_kernel
 
 Array = NDArray[np.float64]
 #: why a row is not what was asked for

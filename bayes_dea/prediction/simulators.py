@@ -14,8 +14,9 @@ from ..forward import row_durations
 from ..models.chain import Material, materials
 from ..models.electrostatics import require, stroke_factor, voltage_drive
 from ..models.lags import Drive, lag_rows
-from ..models.mechanics import strain_driven_kernel, stress_driven_kernel
 from ..models.model import Model
+from ..models.strain_kernel import strain_driven_kernel
+from ..models.stress_kernel import stress_driven_kernel
 
 Array = NDArray[np.float64]
 
