@@ -23,7 +23,7 @@ from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
 from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
-from .search.name import Brief, name_physics, weigh_delay
+from .search.name import Brief, Spoiled, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
@@ -120,11 +120,11 @@ def _named(
             begun=begun,
             otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
         )
-        if found is not None:
-            break
+        if not isinstance(found, Spoiled):
+            return found
+        begun = found.known
         seen.base = refit(seen.base.problem, base.q, base.noise, ready.prior) or base
-    assert found is not None
-    return found
+    raise AssertionError("a search that nobody may end has ended")
 
 
 def _retimed(

@@ -60,6 +60,8 @@ _PROMISES = 1.0 / 3.0
 _NEARLY = 0.75
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
+#: nats behind the likeliest within which several effects together are known of when a search begins anew
+_RIVAL = 30.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,14 @@ class Brief:
     say: Report = unheard
 
 
+@dataclass(frozen=True)
+class Spoiled:
+    """What ended a search: a fit that shows readings which are false. known: several effects together that led until
+    then and their rivals, to begin the next search with: those of single effects are soon found again."""
+
+    known: tuple[Fit, ...] = ()
+
+
 class _SpoiledError(Exception):
     """A fit has shown readings that are false."""
 
@@ -95,7 +105,7 @@ def name_physics(
     memory: dict[str, Screened] | None = None,
     begun: Sequence[Fit] = (),
     otherwise: Callable[[Fit], float] = lambda _: 0.0,
-) -> Naming | None:
+) -> Naming | Spoiled:
     """Weigh all hypotheses on the recordings to identify.
 
     otherwise: nats of evidence that another reading of the recordings would bring to an explanation. Further effects
@@ -106,7 +116,7 @@ def name_physics(
     reading of the recordings, as what a search may miss that has to begin anew.
 
     spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
-    to be made clean first, and None is returned.
+    to be made clean first, and what is known so far is returned.
     """
     def look(fit: Fit) -> None:
         if spoiled is not None and spoiled(fit):
@@ -129,11 +139,14 @@ def name_physics(
     found = on_grids([*frames, *limited], len(frames), quest, memory)
     try:
         singles = refined(base, found, quest, 2, look)
-        search = _Search(quest, brief, none, places, columns, singles, look, otherwise)
-        search.known.take_from_elsewhere(again(begun, base, brief.prior))
+    except _SpoiledError:
+        return Spoiled(tuple(begun))
+    search = _Search(quest, brief, none, places, columns, singles, look, otherwise)
+    search.known.take_from_elsewhere(again(begun, base, brief.prior))
+    try:
         search.run([f.fit.q for f in frames[1:]])
     except _SpoiledError:
-        return None
+        return Spoiled(tuple(begun) + search.together())
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
     return search.naming(skipped, visible)
 
@@ -214,6 +227,12 @@ class _Search:
             self.none, self.best, self.known.weighed, evidence, error, probability, log_p, skipped, labelled, visible,
             {w.name: self.known.timing(w) for w in self.known.counting if DELAY in w.effects}, self.put_off,
         )  # fmt: skip
+
+    def together(self) -> tuple[Fit, ...]:
+        """Fits of several effects that are as likely as any, or nearly, best first."""
+        weight = self.known.weight
+        ranked = sorted(self.known.counting, key=lambda w: -weight(w))
+        return tuple(w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - _RIVAL)
 
     @property
     def _is_explained(self) -> bool:
