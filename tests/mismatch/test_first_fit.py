@@ -72,6 +72,15 @@ def test_what_is_in_the_model_is_found_where_it_is(effects, spec, pressed):
     assert _none_better(fit, prior, 3.0 * sd, 8) >= 4
 
 
+def test_where_an_effect_has_no_answer_beside_the_rest_the_whole_begins_in_the_middle(monkeypatch):
+    """A base far from all recordings may end where no effect that the model has can be simulated."""
+    whole, _ = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
+    monkeypatch.setattr("bayes_dea.mismatch.search.first_fit.screen", lambda *_: None)
+    middle, prior = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
+    assert middle.objective == pytest.approx(whole.objective, abs=0.1)
+    assert middle.values()["R_s_ohm"] == pytest.approx(whole.values()["R_s_ohm"], rel=1e-3)
+
+
 def test_a_law_that_bends_begins_where_its_linearisation_ends():
     """Yeoh's law on a softening that it can only imitate: a polish by numerical Hessians ended millions of nats off."""
     fit, prior = _fitted({"amplitude_softening": dict(ALL["amplitude_softening"].parameters)}, "yeoh+gm3", True)

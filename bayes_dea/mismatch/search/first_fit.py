@@ -56,7 +56,20 @@ def first_fit(
     plain = bare_of(model)
     begun = assemble(assembled.campaign, plain)
     fit = first_fit(begun, problem.with_model(plain), prior, rng, settings, tell)
-    return None if fit is None else _with_effects(fit, model, prior, tell)
+    whole = None if fit is None else _with_effects(fit, model, prior, tell)
+    return _from_the_middle(problem, prior) if whole is None else whole
+
+
+def _from_the_middle(problem: Problem, prior: NoisePrior) -> Fit | None:
+    """The whole model from the middle of its priors.
+
+    What is left out may be so much that the model without its effects ends where none of them has an answer.
+    """
+    model = problem.model
+    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
+    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    fit = refit(problem, q, prior.start(), prior, coarse=True)
+    return None if fit is None else _settled(fit, prior)
 
 
 def _searched(
