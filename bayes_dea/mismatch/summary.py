@@ -26,7 +26,7 @@ from .readings.own_limits import limit_as_shown
 from .readings.reread import Foreign, Rereading
 from .readings.swinging import Swinging
 from .readings.uneven import Uneven
-from .search.hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended
+from .search.hypotheses import MAINS, NONE, UNKNOWN, effect_priors, extended, most_for_unknown
 from .search.naming import Naming
 from .verdict import silent
 from .where.locate import excess_by, where
@@ -62,6 +62,8 @@ def summarise(
     none = naming.none
     detected = none.scan.detected
     confidence = confidence_of(p[verdict], members)
+    if verdict == UNKNOWN:
+        confidence = min(confidence, most_for_unknown(naming.skipped))
     hypotheses = []
     for name in sorted(p, key=lambda k: -p[k]):
         entry: dict[str, Any] = {

@@ -10,7 +10,7 @@ from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
 from ..noise.mains import Mains
-from .search.hypotheses import MAINS, NONE, UNKNOWN
+from .search.hypotheses import MAINS, NONE, UNKNOWN, refused
 from .search.naming import Naming
 from .search.weigh import Weighed
 from .timing import SHIFT_NOTE
@@ -69,7 +69,10 @@ def statement(
         lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
         if fix.get("stage") in (None, "unknown"):
             lives = "its form does not tell in which stage it lives"
-        text = f"Something was left out that is not on the list ({confidence}): {lives}.{_shown_most(summary)}"
+        what = "that is not on the list"
+        if refused(naming.skipped):
+            what = "that nothing which can be weighed explains"
+        text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
         if partial != NONE:
             part = f" The best partial explanation is {partial}; it does not mend all"
             text += f"{part}{f': {numbers}' if numbers else ''}.{_at_its_end(naming)}"

@@ -76,7 +76,7 @@ def test_where_an_effect_has_no_answer_beside_the_rest_the_whole_begins_in_the_m
     """A base far from all recordings may end where no effect that the model has can be simulated."""
     whole, _ = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
     monkeypatch.setattr("bayes_dea.mismatch.search.first_fit.screen", lambda *_: None)
-    middle, prior = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
+    middle, _ = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
     assert middle.objective == pytest.approx(whole.objective, abs=0.1)
     assert middle.values()["R_s_ohm"] == pytest.approx(whole.values()["R_s_ohm"], rel=1e-3)
 

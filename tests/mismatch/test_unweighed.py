@@ -5,7 +5,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.search.hypotheses import candidates, unweighed_note
+from bayes_dea.mismatch.search.hypotheses import candidates, most_for_unknown, unweighed_note
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 
@@ -38,6 +38,22 @@ def test_what_is_not_weighed_is_what_a_structure_refuses(text):
     note = unweighed_note(model, skipped)
     assert (note is None) == (not refused)
     assert set(names) | set(skipped) | {"mains_pickup"} == set(registered_effects())
+
+
+def test_unknown_is_no_more_likely_than_what_was_not_weighed_leaves_it():
+    """By prior odds: 8 % unknown against twelve of twenty-four effects that share 38 %."""
+    _, skipped = candidates(build_model("yeoh+gkv2"), concealed(), {"displacement"})
+    assert most_for_unknown(skipped) == pytest.approx(0.08 / (0.08 + 0.38 * 12 / 23), rel=0.1)
+    _, skipped = candidates(build_model("hooke+gkm2"), concealed(), {"displacement"})
+    assert most_for_unknown(skipped) == 1.0
+
+
+def test_an_effect_that_could_not_be_weighed_is_unknown_with_little_confidence():
+    s = diagnose(concealed({"inertia": {"f_1_Hz": 90.0, "zeta": 0.05}}), "neohooke+gkv3", seed=1).summary
+    assert s["verdict"] == "unknown"
+    assert 0.2 < s["confidence"] < 0.4
+    assert "that nothing which can be weighed explains (confidence 0." in s["statement"]
+    assert "inertia" in s["statement"].split("could not be weighed")[1]
 
 
 def test_a_structure_that_holds_a_damper_has_it_already():

@@ -76,9 +76,21 @@ def candidates(
     return out, skipped
 
 
+def refused(skipped: Mapping[str, str]) -> list[str]:
+    """Effects that a structure has no place for, of what `candidates` skipped."""
+    return [name for name, why in skipped.items() if why.startswith(_CANNOT)]
+
+
+def most_for_unknown(skipped: Mapping[str, str]) -> float:
+    """Probability, by prior odds, that what nothing explains is none of the effects that a structure refuses."""
+    odds, count = prior_odds(), len(refused(skipped))
+    every = len(registered_effects()) - len(skipped) + count
+    return odds.unknown / (odds.unknown + count * odds.of(1, every))
+
+
 def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:
     """One line on effects that a structure has no place for, and a structure that has; None without any."""
-    names = [name for name, why in skipped.items() if why.startswith(_CANNOT)]
+    names = refused(skipped)
     if not names:
         return None
     law, n = base.spec.law, base.spec.elements
