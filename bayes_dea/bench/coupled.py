@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import njit
+from bayes_dea.compiled import njit
 
 #: error allowed to a substep, in strain (4e-7 is 4 nm of the default stack)
 TOLERANCE = 4e-7

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ..compiled import njit
+from bayes_dea.compiled import njit
 
 #: sub-step as a fraction of the shortest time constant: the relative error of the rule is its square / 12
 SUBSTEP = 0.01

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.bench.effects import Effects
-
-from ..compiled import njit
+from bayes_dea.compiled import njit
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from bayes_dea.bench.integrate import SUBSTEP
 from bayes_dea.bench.rig import Geometry, Material, Rig
-
-from ...compiled import njit
+from bayes_dea.compiled import njit
 
 Array = NDArray[np.float64]
 
