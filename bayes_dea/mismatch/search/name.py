@@ -146,7 +146,9 @@ def name_physics(
     try:
         search.run([f.fit.q for f in frames[1:]])
     except _SpoiledError:
-        return Spoiled(tuple(begun) + search.together())
+        led = search.together()
+        ahead = {f.problem.model.name for f in led}
+        return Spoiled((*led, *(f for f in begun if f.problem.model.name not in ahead)))
     visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
     return search.naming(skipped, visible)
 
