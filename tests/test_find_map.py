@@ -251,7 +251,7 @@ def test_lengths_of_coordinates(both):
     assert scale["zero_relax_m"] == pytest.approx(0.02 * 10.261e-3)
 
 
-def test_branches_that_took_on_the_bend_of_a_law_areparted() -> None:
+def test_branches_that_took_on_the_bend_of_a_law_are_parted() -> None:
     model, straight = build_model("yeoh+gm2"), build_model("hooke+gm2")
     assert bent(model, straight)
     assert not bent(straight, straight)

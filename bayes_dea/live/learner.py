@@ -401,7 +401,7 @@ class Learner:
     def _without_first(self, rows: Array, context: tuple[Array, Array], masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The mask with the first reading of a session that begins under voltage in it, as `prepare` has it of a file.
 
-        No drop-out, hence apart from them.
+        No drop-out, hence apart from them; held against the largest voltage of its first block.
         """
         if len(context[0]) or not begins_under_voltage(rows[:, 1]):
             return masked

@@ -23,7 +23,7 @@ from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
 from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
-from .search.name import Brief, Spoiled, name_physics, weigh_delay
+from .search.name import RIVAL, Brief, Spoiled, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
@@ -33,8 +33,6 @@ from .where.locate import is_adequate, scan
 
 #: nats by which another hold convention must be ahead to be taken before effects are weighed
 _BY_FAR = 100.0
-#: nats behind the best explanation within which others are known of when the search begins anew
-_RIVAL = 30.0
 #: how many are, where the best leaves something
 _FEW = 3
 
@@ -236,7 +234,7 @@ def _begun(naming: Naming, pieces: tuple[Piece, ...], with_gains: Loosened, foun
     best = naming.best
     refitted = [w for w in naming.weighed.values() if w.refitted and w.effects]
     if best.weighed.effects and best.adequate:
-        least = naming.log_weight[best.weighed.name] - _RIVAL
+        least = naming.log_weight[best.weighed.name] - RIVAL
         near = [w for w in refitted if naming.log_weight.get(w.name, -math.inf) > least]
     else:
         count = max(len(best.weighed.effects), 1)

@@ -199,6 +199,10 @@ class Model:
         value[bad] = -np.inf
         return value
 
+    def middle(self) -> NDArray[np.float64]:
+        """Coordinates (d,) in the middle of the priors."""
+        return self.from_prior_coordinates(self.priors.transform(np.full((1, self.dimension), 0.5)))[0]
+
     def prior_draws(self, n: int, rng: np.random.Generator) -> NDArray:
         """Prior draws in inference coordinates (n, d), of laws that are stiff at rest.
 

@@ -65,9 +65,7 @@ def _from_the_middle(problem: Problem, prior: NoisePrior) -> Fit | None:
 
     What is left out may be so much that the model without its effects ends where none of them has an answer.
     """
-    model = problem.model
-    middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
-    q = np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+    q = np.concatenate([problem.model.middle(), problem.zero_mean, np.zeros(problem.gain_sd.size)])
     fit = refit(problem, q, prior.start(), prior, coarse=True)
     return None if fit is None else _settled(fit, prior)
 

@@ -84,8 +84,8 @@ def refused(skipped: Mapping[str, str]) -> list[str]:
 def most_for_unknown(skipped: Mapping[str, str]) -> float:
     """Probability, by prior odds, that what nothing explains is none of the effects that a structure refuses."""
     odds, count = prior_odds(), len(refused(skipped))
-    every = len(registered_effects()) - len(skipped) + count
-    return odds.unknown / (odds.unknown + count * odds.of(1, every))
+    weighed = set(registered_effects()) - {MAINS} - set(skipped)
+    return odds.unknown / (odds.unknown + count * odds.of(1, len(weighed) + count))
 
 
 def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:

@@ -60,8 +60,8 @@ _PROMISES = 1.0 / 3.0
 _NEARLY = 0.75
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
-#: nats behind the likeliest within which several effects together are known of when a search begins anew
-_RIVAL = 30.0
+#: nats behind the likeliest within which others are known of when a search begins anew
+RIVAL = 30.0
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class _Search:
         """Fits of several effects that are as likely as any, or nearly, best first."""
         weight = self.known.weight
         ranked = sorted(self.known.counting, key=lambda w: -weight(w))
-        return tuple(w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - _RIVAL)
+        return tuple(w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - RIVAL)
 
     @property
     def _is_explained(self) -> bool:

@@ -75,8 +75,7 @@ def typical(base: Fit) -> Array:
     """Coordinates (d,) in the middle of the priors of the model, the rest as in a fit."""
     q = base.q.copy()
     model = base.problem.model
-    d = model.dimension
-    q[:d] = model.from_prior_coordinates(model.priors.transform(np.full((1, d), 0.5)))[0]
+    q[: model.dimension] = model.middle()
     return q
 
 
