@@ -11,6 +11,7 @@ import math
 
 from ..compiled import njit
 from .circuit_kernel import inline
+from .series_law import SERIES, series_at_rest
 from .static import HOOKE, law_stress_tangent
 
 # Everything is in one array of floats: a call with a dozen arrays costs more than a step of three branches.
@@ -38,8 +39,11 @@ BEYOND = A_SUM + ELEMENTS + 1
 
 @inline
 def elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
-    """Elastic stress (Pa), its tangent, and the energy that the softening goes by (0 without softening)."""
-    if law_id == HOOKE:
+    """Elastic stress (Pa), its tangent, and the energy that the softening goes by (0 without softening).
+
+    Of a law in series with elements (SERIES) the stress is that of a linear spring with what is beside the network.
+    """
+    if law_id in (HOOKE, SERIES):
         s, t = Y * e, Y
     else:
         s, t = law_stress_tangent(law_id, law_p, e)
@@ -53,8 +57,13 @@ def elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
         t += dE * d * d
     W = 0.0
     if share != 0.0:
+        beside, beside_t = 0.0, 0.0
         if law_id == HOOKE:
             W = 0.5 * Y * e * e
+        elif law_id == SERIES:
+            # what softens is what the network holds at rest, which is not part of the stress here
+            at_rest, slope, W = series_at_rest(law_p, e)
+            beside, beside_t = at_rest - Y * e, slope - Y
         else:
             for g in range(3):
                 at = 0.5 if g == 1 else (0.5 - 0.5 * 0.7745966692414834 if g == 0 else 0.5 + 0.5 * 0.7745966692414834)
@@ -70,8 +79,9 @@ def elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
             room = 1.0 / (mm + mb * Wm)
             a = (Wm - W) * room
             soft = 1.0 - share * math.erf(a)
-            t = t * soft + s * s * share * 1.1283791670955126 * math.exp(-a * a) * room
-            s *= soft
+            full, lost = s + beside, 1.0 - soft
+            t += full * full * share * 1.1283791670955126 * math.exp(-a * a) * room - (t + beside_t) * lost
+            s -= full * lost
     return s, t, W
 
 

@@ -20,6 +20,8 @@ from .effects import registered_effects
 from .electrostatics import VACUUM_PERMITTIVITY, VOLTAGE_GEOMETRY, stress_factor, stroke_factor
 from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
+from .series_law import SERIES, series_parameters
+from .series_modes import SeriesModes, series_modes
 from .static import HOOKE, LAWS, small_strain_modulus, tangent
 
 #: elements of friction where none are stated, as in priors/effects: at the quantiles (j + 1/2)/64 enough for 0.15 um of
@@ -60,7 +62,8 @@ class Plant:
     branches: list[tuple[float, float]] = field(default_factory=list)
     d0_Pa_s: float = 0.0
     process: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-    creep: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None  # Kelvin-Voigt elements behind a curved law
+    # Kelvin-Voigt elements behind a curved law: compliances (1/Pa) and times (s); Y_Pa is that of all at rest
+    creep: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     # geometry
     factor: float = 0.0
     stroke_m: float = 0.0
@@ -121,6 +124,18 @@ class Plant:
         bent = self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share or self.creep is not None
         stretches = self.thickness_feedback or self.c_eps != 0.0
         return self.law_id == HOOKE and not bent and self.R_s_ohm == 0.0 and not stretches
+
+    @property
+    def is_series_alone(self) -> bool:
+        """Whether a curved law with Kelvin-Voigt elements takes all of a stress, and that does not depend on it."""
+        electric = self.thickness_feedback or self.c_eps != 0.0 or self.R_s_ohm > 0.0
+        return self.is_series_alone_pressed and not (electric or np.isfinite(self.f_1_Hz))
+
+    @property
+    def is_series_alone_pressed(self) -> bool:
+        """Whether between plates there is a curved law with Kelvin-Voigt elements and nothing beside it."""
+        beside = self.beta or self.dE_Pa or self.sigma_y_Pa or self.mullins_share or self.d0_Pa_s or self.branches
+        return self.creep is not None and not beside
 
     @property
     def is_smooth(self) -> bool:
@@ -245,8 +260,12 @@ class Plant:
     def _of_material(self, size: int) -> NDArray[np.float64]:
         """Numbers of the material in an array of `size`; what is behind them is the kernel's."""
         w = np.zeros(size)
+        law_id = self.law_id
+        if self.creep is not None:
+            # beside the network there is no spring; what softens is what it holds at rest
+            law_id = SERIES if self.mullins_share != 0.0 else HOOKE
         for index, value in (
-            (mk.P_LAW, self.law_id), (mk.P_Y, self.Y_Pa), (mk.P_BETA, self.beta), (mk.P_DE, self.dE_Pa),
+            (mk.P_LAW, law_id), (mk.P_Y, self.Y_Pa), (mk.P_BETA, self.beta), (mk.P_DE, self.dE_Pa),
             (mk.P_EC, self.e_c), (mk.P_SHARE, self.mullins_share), (mk.P_MM, self.mullins_m_Pa),
             (mk.P_MB, self.mullins_b), (mk.P_SY, self.sigma_y_Pa), (mk.P_EY, self.eps_y),
             (mk.P_ELEMENTS, self.friction_elements),
@@ -264,24 +283,41 @@ class Plant:
             (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s),
         ):
             w[index] = value
+        modes = self._linear_part
+        w[pk.P_D], c, T, gamma = modes.D, modes.c, modes.T, modes.gamma
         if np.isfinite(self.f_1_Hz):
-            swinging, times = self.swinging_modes
             # a mass on a network swings in one pair; others are branches that coincide, parted by rounding
-            first = int(np.argmax(np.abs(times.imag) / np.abs(times.real)))
-            first = first if times[first].imag > 0.0 else int(np.argmin(np.abs(times - times[first].conj())))
-            rest = np.ones(times.size, dtype=bool)
-            if times[first].imag != 0.0:
+            first = int(np.argmax(np.abs(T.imag) / np.abs(T.real)))
+            other = int(np.argmin(np.abs(T - T[first].conj())))
+            if T[first].imag != 0.0:
+                first, other = (first, other) if T[first].imag > 0.0 else (other, first)
                 w[pk.P_PAIR] = 1.0
-                w[pk.P_CR], w[pk.P_CI] = swinging[first].real, swinging[first].imag
-                w[pk.P_TR], w[pk.P_TI] = times[first].real, times[first].imag
-                rest[[first, int(np.argmin(np.abs(times - times[first].conj())))]] = False
-            c, T = swinging.real[rest], times.real[rest]
-        else:
-            w[pk.P_D], c, T = self.modes
-        slow_first = np.argsort(-T)
-        w[pk.P_N] = T.size
-        w[pk.A_C:pk.A_C + T.size], w[pk.A_T:pk.A_T + T.size] = c[slow_first], T[slow_first]
+                w[pk.P_CR], w[pk.P_CI] = c[first].real, c[first].imag
+                w[pk.P_TR], w[pk.P_TI] = T[first].real, T[first].imag
+                w[pk.P_GR], w[pk.P_GI] = gamma[first].real, gamma[first].imag
+                rest = np.ones(T.size, dtype=bool)
+                rest[[first, other]] = False
+                c, T, gamma = c[rest], T[rest], gamma[rest]
+        n, slow_first = T.size, np.argsort(-T.real)
+        w[pk.P_N] = n
+        w[pk.A_C:pk.A_C + n], w[pk.A_T:pk.A_T + n] = c.real[slow_first], T.real[slow_first]
+        w[pk.A_G:pk.A_G + n] = gamma.real[slow_first]
+        if self.creep is not None:
+            w[pk.P_SPRING], w[pk.P_YS] = self.law_id, small_strain_modulus(self.law_id, self.law)
         return w
+
+    @property
+    def _linear_part(self) -> SeriesModes:
+        """Modes of all that is linear under the Maxwell stress."""
+        if self.creep is None:
+            D, c, T = (0.0, *self.swinging_modes) if np.isfinite(self.f_1_Hz) else self.modes
+            return SeriesModes(D, c.astype(np.complex128), T.astype(np.complex128), np.zeros(T.size, np.complex128))
+        quick = [(k, tau) for k, tau in self.branches if tau <= _AT_ONCE_S]
+        damper = self.d0_Pa_s + sum(k * tau for k, tau in quick)
+        if np.isfinite(self.f_1_Hz):
+            damper += 2 * self.zeta * np.sqrt(self.Y_Pa * self._mass)
+        branches = [(k, tau) for k, tau in self.branches if k > 0.0 and tau > _AT_ONCE_S]
+        return series_modes(small_strain_modulus(self.law_id, self.law), self.creep, branches, damper, self._mass)
 
     @cached_property
     def _plate_numbers(self) -> NDArray[np.float64]:
@@ -375,7 +411,11 @@ def plant_of(model: Model, values: Mapping[str, float], actuator: Actuator) -> P
             draft["creep"] = (1.0 / k, tau)
         else:
             draft["branches"] = list(zip(k.tolist(), tau.tolist(), strict=True))
-        draft.update(law_id=which.law_id, law=law, Y_Pa=float(small_strain_modulus(which.law_id, law)))
+        Y_Pa = float(small_strain_modulus(which.law_id, law))
+        if "creep" in draft:
+            compliance = float(np.sum(1.0 / k))
+            law, Y_Pa = series_parameters(which.law_id, law, compliance), 1.0 / (1.0 / Y_Pa + compliance)
+        draft.update(law_id=which.law_id, law=law, Y_Pa=Y_Pa)
         if model.spec.network == "gkm":
             draft["d0_Pa_s"] = numbers["d0_Pa_s"]
     draft.update(_geometry(actuator))

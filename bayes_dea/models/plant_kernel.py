@@ -46,7 +46,7 @@ from .material_kernel import (
     friction,
     rested,
 )
-from .static import HOOKE
+from .static import HOOKE, law_stress_tangent
 
 _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 
@@ -58,28 +58,31 @@ _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
     P_N, P_D, P_PAIR,  # real modes, strain that follows the stress at once (1/Pa), whether a pair swings
     P_CR, P_CI, P_TR, P_TI,  # the pair's first: coefficient (1/Pa), time constant (s)
     P_WHOLE,  # whether steps are taken as they are, however wrong
-) = range(BEYOND, BEYOND + 20)
+    P_SPRING, P_YS, P_GR, P_GI,  # law and modulus (Pa) of a curved spring in series; the pair's gamma (`series_modes`)
+) = range(BEYOND, BEYOND + 24)
 
 # ---- numbers that go from step to step
 (
     X_V, X_VQ, X_P, X_LOAD,  # volts on the dielectric, stored charge, polarisation, stress on the linear network
     X_ZR, X_ZI,  # state of the pair
     X_D1, X_D2, X_STEP,  # the last two changes of the strain, and the length of their steps
+    X_SPRING,  # strain of the curved spring in series
     X_TRIED,  # steps tried since the state was prepared
-) = range(BEYOND + 20, BEYOND + 30)
+) = range(BEYOND + 24, BEYOND + 35)
 
 #: most real modes
 MODES = 28
 #: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
-_SUMS = 24
+_SUMS = 36
 _TABLE = 6 * MODES + _SUMS
 #: lengths of steps of which coefficients are kept; a power of two
 _TABLES = 32
-A_H = BEYOND + 32  # the lengths
+A_H = BEYOND + 36  # the lengths
 A_C = A_H + _TABLES
 A_T = A_C + MODES
 A_X = A_T + MODES
-A_TABLES = A_X + MODES
+A_G = A_X + MODES
+A_TABLES = A_G + MODES
 SIZE = A_TABLES + _TABLES * _TABLE
 # ---- of a table: what stays of modes, weights of the stress's start and end, what stays to the middle, weight of what
 # the stress in the middle is beside its line, length of the step in time constants; then sums
@@ -89,8 +92,11 @@ _KEEP, _W0, _W1, _HALF, _WM, _LONG = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES, 
     _BOW,  # strain (1/Pa) at the end by a parabola that is taken as a line, at most
     _KR, _KI, _AR, _AI, _BR, _BI, _MR, _MI, _HR, _HI,  # the pair: what stays, weights, what stays to the middle
     _Q0, _Q1, _Q2, _P0, _P1, _P2,  # stored charge, polarisation
-) = range(6 * MODES, 6 * MODES + 23)
+    _G0, _G1, _GM, _GU0, _GU1, _GALL,  # as _S0 to _ALL, of modes as the spring in series shows them
+    _GG0, _GG1, _GGM, _GGU0, _GGU1,  # the same, driven from there
+) = range(6 * MODES, 6 * MODES + 34)
 
+_SPRING_TOLERANCE = 1e-6  # the same of a spring in series
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
 _STRAIGHT_TOLERANCE = 1e-5  # the same where only the circuit bends: about a hundredth is left
 _SMALL = 3e-4  # a longer step (strain) is no smooth motion
@@ -127,9 +133,28 @@ def _bowed(z, most):
 
 
 @_jit
+def _fill_series(tab, gamma, first, second, beside, middle0, middle1):
+    """Add a mode's weights to the sums that a spring in series has; all may be complex."""
+    once, twice = gamma, gamma * gamma
+    tab[_G0] += (once * first).real
+    tab[_G1] += (once * second).real
+    tab[_GM] += (once * beside).real
+    tab[_GU0] += (once * middle0).real
+    tab[_GU1] += (once * middle1).real
+    tab[_GG0] += (twice * first).real
+    tab[_GG1] += (twice * second).real
+    tab[_GGM] += (twice * beside).real
+    tab[_GGU0] += (twice * middle0).real
+    tab[_GGU1] += (twice * middle1).real
+    tab[_GALL] += abs(once * (first + second))
+
+
+@_jit
 def _fill_table(w, tab, h):
     """Coefficients of a step of length h (s)."""
     tab[_S0:_HI + 1] = 0.0
+    tab[_G0:_GGU1 + 1] = 0.0
+    series = w[P_SPRING] != HOOKE
     for j in range(int(w[P_N])):
         c = w[A_C + j]
         stays, first, second, beside = _lag(h / w[A_T + j])
@@ -144,6 +169,8 @@ def _fill_table(w, tab, h):
         tab[_U1] += c * 0.5 * u1
         tab[_ALL] += abs(c) * (first + second)
         tab[_BOW] += abs(c) * _bowed(h / w[A_T + j], 0.06)
+        if series:
+            _fill_series(tab, w[A_G + j], c * first, c * second, c * beside, c * (u0 + 0.5 * u1), c * 0.5 * u1)
     if w[P_PAIR] != 0.0:
         c, T = complex(2.0 * w[P_CR], 2.0 * w[P_CI]), complex(w[P_TR], w[P_TI])
         kept, first, second, aside = _lag(h / T)
@@ -159,6 +186,8 @@ def _fill_table(w, tab, h):
         tab[_U1] += 0.5 * v1.real
         tab[_ALL] += abs(first + second)
         tab[_BOW] += abs(c) * _bowed(abs(h / T), 0.2)
+        if series:
+            _fill_series(tab, complex(w[P_GR], w[P_GI]), first, second, aside, v0 + 0.5 * v1, 0.5 * v1)
     if w[P_AQ] != 0.0:
         tab[_Q0], tab[_Q1], tab[_Q2] = straight(h / w[P_TAUQ])
     if w[P_CHI] != 0.0:
@@ -191,6 +220,39 @@ def _dying(z, keep, x, left, first, second):
 
 
 @_jit
+def _beyond_line(inner, law_p, Ys, spring):
+    """Stress (Pa) of a spring in series beyond its modulus at rest, and its slope."""
+    s, t = law_stress_tangent(inner, law_p, spring)
+    return s - Ys * spring, t - Ys
+
+
+@_jit
+def _in_series(inner, law_p, Ys, near, drive, gives):
+    """Strain of a spring, its stress beyond its line and the slope of that, where strain + gives stress = drive.
+
+    near: a strain close by. nan where the law has no stress for it.
+    """
+    spring, r, rt = near, 0.0, 0.0
+    low, high = -math.inf, 1.0
+    for it in range(_MAX_ITERATIONS):
+        r, rt = _beyond_line(inner, law_p, Ys, spring)
+        off = drive - spring - gives * r
+        step = off / (1.0 + gives * rt)
+        if abs(step) < _SPRING_TOLERANCE:
+            return spring + step, r + rt * step, rt
+        if off > 0.0:
+            low = spring
+        else:
+            high = spring
+        spring += step
+        if not low < spring < high:  # a law that locks
+            spring = 0.5 * (low + high) if low > -math.inf else 0.5 * (high + min(drive, 0.0)) - 0.1
+        if it > 0 and high - low < 1e-14:
+            break
+    return math.nan, math.nan, math.nan
+
+
+@_jit
 def run(w, law_p, h, u0, u1, out):
     """Strain (m,) after steps of h (m,) s, the supply straight from u0 to u1 (m,) V within each.
 
@@ -203,13 +265,15 @@ def run(w, law_p, h, u0, u1, out):
     rs, c0, active, prompt_D = w[P_RS], w[P_C0], w[P_EACT], w[P_D]
     curved = law_id != HOOKE or beta != 0.0 or dE != 0.0 or share != 0.0 or sy > 0.0
     stretches, stores = thick or c_eps != 0.0, chi != 0.0 or aq != 0.0
-    bends = curved or stretches
+    series, inner, Ys = w[P_SPRING] != HOOKE, int(w[P_SPRING]), w[P_YS]
+    bends = curved or stretches or series
     cuts = w[P_WHOLE] == 0.0
     currents = rs > 0.0 and pair  # a motion to and fro within a step drives currents that a mean does not know
     remembers = sy / w[P_EY] if sy > 0.0 else 0.0
     enough = _TOLERANCE if bends else _STRAIGHT_TOLERANCE
     smooth = _SMOOTH if sy == 0.0 and share == 0.0 else 1.0
-    c, T, x = w[A_C:A_C + n], w[A_T:A_T + n], w[A_X:A_X + n]
+    c, T, x, g = w[A_C:A_C + n], w[A_T:A_T + n], w[A_X:A_X + n], w[A_G:A_G + n]
+    g_pair = complex(w[P_GR], w[P_GI])
     z_pair, T_pair = complex(w[X_ZR], w[X_ZI]), complex(w[P_TR], w[P_TI])
     z_kept = 0.0 * z_pair
     c_pair = complex(2.0 * w[P_CR], 2.0 * w[P_CI])
@@ -217,6 +281,10 @@ def run(w, law_p, h, u0, u1, out):
     s, t, f, tf = w[X_S], w[X_T], w[X_F], w[X_TF]
     ph, dph = field(thick, c_eps, e)
     new = np.zeros(n)
+    # of a spring in series: strain, stress beyond its line, slope of that
+    spring, r, rt = w[X_SPRING], 0.0, 0.0
+    if series:
+        r, rt = _beyond_line(inner, law_p, Ys, spring)
     lift = curve = middle = 0.0
     rc, charges, leaks = rs * c0, 0.0, 1.0 + rs / w[P_RL]
     D1, D2, step1, length = w[X_D1], w[X_D2], w[X_STEP], -1.0
@@ -250,6 +318,15 @@ def run(w, law_p, h, u0, u1, out):
                 z_kept = complex(tab[_KR], tab[_KI]) * z_pair
                 kept += z_kept.real
             S1 = tab[_S1] + prompt_D
+            spring_kept, G1, GG1 = 0.0, 0.0, 0.0
+            if series:
+                for j in range(n):
+                    spring_kept += g[j] * tab[_KEEP + j] * x[j]
+                if pair:
+                    spring_kept += (g_pair * z_kept).real
+                G1, GG1 = tab[_G1] + prompt_D, tab[_GG1] + prompt_D
+                # beyond its line the spring gives less, the stiffer it is there
+                S1 -= G1 * G1 * rt / (1.0 + GG1 * rt)
             # what the material holds against the stress beyond the linear spring
             held, slope0 = s + f - Y * e, t + tf - Y
             # smooth motion goes on as it did: then the first correction is the last
@@ -265,6 +342,7 @@ def run(w, law_p, h, u0, u1, out):
             transient = zc = l0 = l1 = dies = m_dies = 0.0
             # a jump of more than a little is followed up by the law itself
             at_jump, held_jump, slope_jump, ph_jump, dph_jump = 0.0, held, slope0, ph, dph
+            r0, r_jump, rt_jump, r1, rt1, spring1 = r, r, rt, r, rt, spring
             s1, t1, f1, tf1, ph1, dph1, W1 = s, t, f, tf, ph, dph, 0.0
             prompt = 0.0
             if rs > 0.0:
@@ -306,8 +384,9 @@ def run(w, law_p, h, u0, u1, out):
                     if prompt_D > 0.0:
                         for _ in range(8):
                             # about where the law was worked out last
-                            bend = prompt_D * (slope_jump - ss * dph_jump)
-                            J = (prompt_D * (ss * ph_jump - held_jump - load) + bend * at_jump) / (1.0 + bend)
+                            bend = prompt_D * (slope_jump + rt_jump - ss * dph_jump)
+                            J = (prompt_D * (ss * ph_jump - held_jump - (r_jump - r) - load)
+                                 + bend * at_jump) / (1.0 + bend)
                             if abs(J - at_jump) < _SMALL or not -5.0 < e + J < 0.95:
                                 break
                             at_jump = J
@@ -315,7 +394,10 @@ def run(w, law_p, h, u0, u1, out):
                                 held_jump, slope_jump = beyond_spring(w, law_p, Wm, e + J)
                             if stretches:
                                 ph_jump, dph_jump = field(thick, c_eps, e + J)
-                        p0 = load + J / prompt_D
+                            if series:
+                                r_jump, rt_jump = _beyond_line(inner, law_p, Ys, spring + J)
+                        r0 = r_jump + rt_jump * (J - at_jump)
+                        p0 = load + J / prompt_D + (r0 - r)
                     else:
                         p0 = ss * ph - held
                     p1 = se * ph1 - (s1 + f1 - Y * e1)
@@ -348,6 +430,19 @@ def run(w, law_p, h, u0, u1, out):
                         else:
                             z_new = w0 * p0 + w1 * p1
                         found += z_new.real
+                if series:
+                    # the spring's strain that goes with the stress at the end; what dies in the step is in `new`
+                    drive = spring_kept + prompt_D * p1
+                    if a == 0.0:
+                        drive += tab[_G0] * p0 + tab[_G1] * p1
+                    else:
+                        for j in range(n):
+                            drive += g[j] * new[j]
+                        if pair:
+                            drive += (g_pair * z_new).real
+                    spring1, r1, rt1 = _in_series(inner, law_p, Ys, spring1, drive - tab[_GG0] * r0, GG1)
+                    found -= tab[_G0] * r0 + G1 * r1
+                    S1 = tab[_S1] + prompt_D - G1 * G1 * rt1 / (1.0 + GG1 * rt1)
                 slope = ph1 * dse + se * dph1 - (t1 + tf1 - Y) if bends else dse
                 change = (found - e1) / (1.0 - S1 * slope)
                 if it > 25:
@@ -362,6 +457,10 @@ def run(w, law_p, h, u0, u1, out):
                     f1 += tf1 * change
                     ph1 += dph1 * change
                     v1 += dv * change
+                    if series:
+                        moved = G1 * slope * change / (1.0 + GG1 * rt1)
+                        spring1 += moved
+                        r1 += rt1 * moved
                     if a != 0.0:
                         for j in range(n):
                             new[j] += tab[_W1 + j] * slope * change
@@ -376,12 +475,31 @@ def run(w, law_p, h, u0, u1, out):
                 e = math.nan
                 break
             grow = 2.0
-            aside, pushed = 0.0, 0.0
+            aside, pushed, r_aside = 0.0, 0.0, 0.0
             if cuts and (bends or currents) and step > _SHORTEST * whole:
                 # the middle as the modes know it, and the straight line that the law was taken along
                 mid = 0.5 * prompt_D * (p0 + p1) + tab[_U0] * p0 + tab[_U1] * p1
                 for j in range(n):
                     mid += tab[_HALF + j] * x[j]
+                if series:
+                    # the same of the spring, and what its law is there beside its line
+                    mid -= 0.5 * prompt_D * (r0 + r1) + tab[_GU0] * r0 + tab[_GU1] * r1
+                    within = (0.5 * prompt_D * (p0 + p1 - r0 - r1) + tab[_GU0] * p0 + tab[_GU1] * p1
+                              - tab[_GGU0] * r0 - tab[_GGU1] * r1)
+                    for j in range(n):
+                        within += g[j] * tab[_HALF + j] * x[j]
+                    if pair:
+                        within += (g_pair * complex(tab[_HR], tab[_HI]) * z_pair).real
+                    along = 0.5 * (r0 + r1)
+                    _, r_aside, _ = _in_series(inner, law_p, Ys, within, within + prompt_D * along, prompt_D)
+                    r_aside -= along
+                    mid -= prompt_D * r_aside
+                    worst = 2.0 / 3.0 * tab[_GALL] * _SMOOTH * abs(r_aside)
+                    if worst > _COURSE_TOLERANCE:
+                        step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
+                        continue
+                    if 8.0 * worst > _COURSE_TOLERANCE:
+                        grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
                 y = D - J
                 ring = 0.0
                 if pair:
@@ -447,10 +565,19 @@ def run(w, law_p, h, u0, u1, out):
                     continue
                 if 4.0 * wrong > _CIRCUIT_TOLERANCE:
                     grow = min(grow, 0.9 * math.sqrt(_CIRCUIT_TOLERANCE / wrong))
-            if aside != 0.0:
+            if aside != 0.0 or r_aside != 0.0:
                 # what is held in the middle beside the line, as a parabola
-                pushed = tab[_SM] * aside / (1.0 - S1 * slope)
+                pushed = tab[_SM] * aside
+                if series:
+                    # the spring's strain without its answer, then with it
+                    inside = (tab[_GM] * aside - tab[_GGM] * r_aside) / (1.0 + GG1 * rt1)
+                    pushed -= tab[_GM] * r_aside + G1 * rt1 * inside
+                pushed /= 1.0 - S1 * slope
                 D += pushed
+                if series:
+                    inside += G1 * slope * pushed / (1.0 + GG1 * rt1)
+                    spring1 += inside
+                    r1 += rt1 * inside
                 p1 += slope * pushed
                 W1 += s1 * pushed
                 s1 += t1 * pushed
@@ -469,6 +596,13 @@ def run(w, law_p, h, u0, u1, out):
                             + tab[_WM + j] * aside)
                 if pair:
                     z_pair = z_kept + z_new + complex(tab[_BR], tab[_BI]) * slope * pushed
+            if series:
+                for j in range(n):
+                    x[j] -= g[j] * (tab[_W0 + j] * r0 + tab[_W1 + j] * r1 + tab[_WM + j] * r_aside)
+                if pair:
+                    z_pair -= g_pair * (complex(tab[_AR], tab[_AI]) * r0 + complex(tab[_BR], tab[_BI]) * r1
+                                        + complex(tab[_MR], tab[_MI]) * r_aside)
+                spring, r, rt = spring1, r1, rt1
             if pair:
                 z_pair += complex(tab[_MR], tab[_MI]) * aside
             e += D
@@ -490,7 +624,7 @@ def run(w, law_p, h, u0, u1, out):
     w[X_E], w[X_V], w[X_VQ], w[X_P], w[X_LOAD], w[X_WM] = e, V, vq, P, load, Wm
     w[X_S], w[X_T], w[X_F], w[X_TF] = s, t, f, tf
     w[X_ZR], w[X_ZI] = z_pair.real, z_pair.imag
-    w[X_D1], w[X_D2], w[X_STEP] = D1, D2, step1
+    w[X_D1], w[X_D2], w[X_STEP], w[X_SPRING] = D1, D2, step1, spring
     w[X_TRIED] += spent
 
 

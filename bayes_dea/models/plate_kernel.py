@@ -191,7 +191,7 @@ def _fly(w, law_p, h):
 
 
 @_jit
-def _prepare(w, law_p):
+def rest(w, law_p):
     """Fill in what follows from the numbers of a plant, and the state of a rested one."""
     rested(w, law_p)
     w[P_K] = 0.0
@@ -202,10 +202,10 @@ def _prepare(w, law_p):
 
 
 @_jit
-def _held(w, law_p, h, start, end, trial):
+def held(w, law_p, h, start, end, trial):
     """Stress at the end of a straight strain from start to end in h; `trial` (SIZE,) gets the state that goes along.
 
-    h = 0: a jump, which the damper does not feel. Nothing has changed until `_take`.
+    h = 0: a jump, which the damper does not feel. Nothing has changed until `take`.
     """
     n = int(w[P_N])
     change = end - start
@@ -226,7 +226,7 @@ def _held(w, law_p, h, start, end, trial):
 
 
 @_jit
-def _take(w, trial):
+def take(w, trial):
     """Make the state that was tried last the present one."""
     for j in range(int(w[P_N])):
         w[A_Q + j] = trial[A_Q + j]
@@ -255,7 +255,7 @@ def _pressed(w, law_p, h, b, e, contact, new, stress, material):
     """Follow plates that touch from row b on, as long as steps are as long as that of the coefficients in w and contact
     is not lost; returns the row that it has come to.
 
-    The same as `_held` and `_take` row after row, without a call and a copy of the state in each. new (BRANCHES,) is
+    The same as `held` and `take` row after row, without a call and a copy of the state in each. new (BRANCHES,) is
     overwritten.
     """
     n, law_id = int(w[P_N]), int(w[P_LAW])
@@ -300,12 +300,12 @@ def drive_position(w, law_p, h, e, contact, stress, material):
     contact: +1 plates that do not pull, -1 a film that does not push, 0 bonded. At the first knot the strain jumps
     to e[0]. w (SIZE,) holds the numbers of the plant without circuit and mass; its state is overwritten.
     """
-    _prepare(w, law_p)
+    rest(w, law_p)
     kept, trial = w.copy(), w.copy()
-    s = _held(w, law_p, 0.0, 0.0, e[0], trial)
+    s = held(w, law_p, 0.0, 0.0, e[0], trial)
     touching = not contact * s < 0.0
     if touching:
-        _take(w, trial)
+        take(w, trial)
     stress[0], material[0] = (s, e[0]) if touching else (0.0, 0.0)
     b, alone, new = np.int64(0), 0, np.empty(BRANCHES)  # a plain 0 would have its own copy of what follows compiled
     while b < h.size:
@@ -344,24 +344,24 @@ def drive_position(w, law_p, h, e, contact, stress, material):
                 _fly(w, law_p, part * left)
             start += part * (end - start)
             left = max((1.0 - part) * left, 1e-12 * h[b])
-            _held(w, law_p, 0.0, w[X_E], start, trial)
-            _take(w, trial)
+            held(w, law_p, 0.0, w[X_E], start, trial)
+            take(w, trial)
             touching, met = True, True
-        s = _held(w, law_p, left, start, end, trial)
+        s = held(w, law_p, left, start, end, trial)
         if met:
             # over the step in which they meet the damper feels the material's mean rate
             s += w[P_D0] * ((end - before) / h[b] - (end - start) / left)
         b += 1
         if not contact * s < 0.0:
-            _take(w, trial)
+            take(w, trial)
             stress[b], material[b] = s, end
             continue
         # contact is lost within the step, where the straight line between the end stresses is zero
         at_start = w[X_S] + w[X_F] + w[X_Q] + w[P_D0] * (end - start) / left
         part = at_start / (at_start - s) if contact * at_start > 0.0 else 0.0
         if part > 0.0:
-            _held(w, law_p, part * left, start, start + part * (end - start), trial)
-            _take(w, trial)
+            held(w, law_p, part * left, start, start + part * (end - start), trial)
+            take(w, trial)
         _fly(w, law_p, (1.0 - part) * left)
         touching, alone = False, 0
         stress[b], material[b] = 0.0, w[X_E]

@@ -13,6 +13,7 @@ from .path import Path, durations
 from .plant import Plant
 from .plant_kernel import P_WHOLE, drive_voltage
 from .plate_kernel import drive_position
+from .series_plates import drive_series
 from .static import law_stress_tangent
 from .steps import Steps
 from .strain_kernel import strain_driven_kernel
@@ -68,7 +69,7 @@ def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float
     """Strain (m,) after each step; whole: none is cut by what the strain does in it."""
     if plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
         steps = _supplied(plant, steps)
-    if not plant.is_linear and not plant.swings and plant.creep is None:
+    if not (plant.is_linear or plant.swings or plant.is_series_alone):
         w, out = plant.kernel_numbers(), np.empty(steps.h.size)
         w[P_WHOLE] = whole
         drive_voltage(w, plant.law, steps.h, steps.u0, steps.u1, out)
@@ -183,8 +184,11 @@ def simulate_path(plant: Plant, path: Path, zero_m: float, contact: int) -> NDAr
     stress, material = np.empty(e.size), np.empty(e.size)
     if plant.creep is not None:
         c, T = plant.creep
-        strain_driven_kernel(plant.law_id, plant.law, GKV, 1.0 / c, T, 0.0, h, e, contact, np.zeros(c.size + 1), stress,
-                             material)
+        if plant.is_series_alone_pressed:
+            strain_driven_kernel(plant.law_id, plant.law, GKV, 1.0 / c, T, 0.0, h, e, contact, np.zeros(c.size + 1),
+                                 stress, material)
+        else:
+            drive_series(plant.plate_numbers(), plant.law, plant.law_id, 1.0 / c, T, h, e, contact, stress, material)
     else:
         drive_position(plant.plate_numbers(), plant.law, h, e, contact, stress, material)
     force = stress * plant.area_m2 / (1.0 - material)

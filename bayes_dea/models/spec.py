@@ -47,11 +47,6 @@ def _law_name(part: str) -> str | None:
         return None
 
 
-def acts_outside(effect: str) -> bool:
-    """Whether an effect acts before or behind the material, whose strain it need not know."""
-    return registered_effects()[effect].black_box and effect not in ("series_resistance", "leakage")
-
-
 def parse_spec(text: str) -> Spec:
     """Parts of a SPEC; InputError names the part that is unknown, the nearest known one, and what would be valid."""
     law: str | None = None
@@ -100,10 +95,6 @@ def parse_spec(text: str) -> Spec:
         if law is None and not known[name].black_box:
             raise InputError(f"model '{text}': {network} knows no strain, so '{name}' has nothing to act on; take a "
                              "static law with a network, e.g. hooke+gm3")
-        if law not in (None, "hooke") and network == "gkv" and not acts_outside(name):
-            # a curved spring in series with the elements: its strain is known only behind everything that needs it
-            raise InputError(f"model '{text}': '{name}' cannot act on {law} with Kelvin-Voigt elements; take "
-                             f"{law}+gm{elements} or hooke+gkv{elements}")
         if network != "none" and known[name].without_network == network:
             raise InputError(f"model '{text}': {network}{elements} has the part '{name}' already; leave one out")
     # the chain has one order, whatever the order of the names

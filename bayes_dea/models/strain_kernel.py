@@ -64,7 +64,7 @@ def _free_flight(law_id: int, p: Array, network: int, n: int, k: Array, rate: Ar
 
 
 @_jit
-def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: float, start: float,
+def strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: float, start: float,
                      end: float, q: Array, new: Array, regular: Array, work: Array) -> float:
     """GKV: the strain goes linearly from start to end in h; fills `new` with the e_i, returns the stress.
 
@@ -135,7 +135,7 @@ def _strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: fl
 @_jit
 def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, rest: float, start: float,
                         speed: float, new: Array) -> float:
-    """GKV behind a stiff spring: as `_strain_step_gkv` for what is left of a step, along the tangent of the law.
+    """GKV behind a stiff spring: as `strain_step_gkv` for what is left of a step, along the tangent of the law.
 
     Along it the branches are exact; the law's distance from it at the end is what a step is cut by.
     """
@@ -185,7 +185,7 @@ def _strain_step(law_id: int, p: Array, network: int, n: int, k: Array, rate: Ar
                  start: float, end: float, q: Array, new: Array, table: Array, work: Array) -> float:
     """The strain goes linearly from start to end in h: fills `new` with the branches, returns the stress."""
     if network == GKV:
-        return _strain_step_gkv(law_id, p, n, k, rate, h, start, end, q, new, table, work)
+        return strain_step_gkv(law_id, p, n, k, rate, h, start, end, q, new, table, work)
     s, _ = law_stress_tangent(law_id, p, end)
     change = end - start
     if network == GKM:

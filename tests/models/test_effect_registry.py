@@ -123,12 +123,11 @@ def test_what_cannot_be(text, message):
         parse_spec(text)
 
 
-@pytest.mark.parametrize("effect", ["strain_stiffening", "series_resistance"])
-def test_a_curved_spring_with_kelvin_voigt_elements_takes_no_effect_on_strain(effect):
-    """Refused as a SPEC, before anything is worked out."""
-    with pytest.raises(InputError, match=re.escape("take yeoh+gm1 or hooke+gkv1")):
-        parse_spec(f"yeoh+gkv1+{effect}")
-    assert parse_spec("yeoh+gkv1+sensor_clipping").effects == ("sensor_clipping",)
+@pytest.mark.parametrize("structure", ["hooke", "hooke+gm3", "gent+gm2", "yeoh+gkv2", "mooney+gkm2", "ogden+gkv1"])
+def test_a_structure_that_knows_its_strain_takes_every_effect(structure):
+    for name, effect in registered_effects().items():
+        if effect.without_network not in structure or not effect.without_network:
+            assert parse_spec(f"{structure}+{name}").effects == (name,)
 
 
 def test_thermal_expansion_needs_its_column():
