@@ -60,9 +60,6 @@ def check_curved(model: Model) -> None:
         raise InputError(f"--model {model.name}: {what} cannot be followed live; of the effects "
                          f"{', '.join(LIVE_EFFECTS)} can. Follow the structure alone: the samples are kept as a "
                          "campaign, and calibrate takes any model on them afterwards.")
-    if model.spec.network == "gkv" and model.spec.law != "hooke":
-        raise InputError(f"--model {model.name}: a curved law behind Kelvin-Voigt elements cannot be followed live; "
-                         f"take {model.spec.law}+gm{model.spec.elements}, or calibrate afterwards on what was kept")
     if model.plain or not (model._mode_coordinates or model.is_black_box or model.spec.law == "hooke"):
         raise InputError(f"--model {model.name}: cannot be followed live with these priors: every parameter of the "
                          "network has to be free and log-normal")

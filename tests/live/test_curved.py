@@ -25,7 +25,7 @@ TRUTH = {"Y_Pa": 1.2e6, "k_1_Pa": 60e3, "tau_1_s": 1.0, "R_s_ohm": 1.5e5}
 SETTINGS = LearnerSettings(sequential=SequentialSettings(1000), longest_s=600.0)
 
 
-def rows_of(seconds, rate=RATE):
+def rows_of(seconds, rate=RATE, spec=SPEC, truth=TRUTH):
     """A stream of levels and waves, simulated on all rows at once."""
     n = seconds * rate
     t = np.arange(1, n + 1) / rate
@@ -33,7 +33,7 @@ def rows_of(seconds, rate=RATE):
     waves = t % 8 > 5
     volts[waves] = 600 + 500 * np.sin(2 * np.pi * 1.3 * t[waves])
     volts = np.where(t <= 2, 0.0, np.round(volts, 2))
-    plant = plant_of(build_model(SPEC), TRUTH, ACTUATOR)
+    plant = plant_of(build_model(spec), truth, ACTUATOR)
     x = simulate_nodes(plant, Nodes(t, volts, np.arange(n), n, "end", None, 1 / rate))
     return np.stack([t, volts, x + 4.7e-6 * np.random.default_rng(1).standard_normal(n)], axis=1), x
 
@@ -58,10 +58,8 @@ def exact_log_likelihood(one, rows, q):
     return out
 
 
-@pytest.fixture(scope="module")
-def followed():
-    rows, _ = rows_of(60)
-    one = make_learner(build_model(SPEC), BENCH, 1, SETTINGS)
+def follow(rows, spec):
+    one = make_learner(build_model(spec), BENCH, 1, SETTINGS)
     updates = []
     with threadpool_limits(1):
         for part in np.array_split(rows, 100):
@@ -71,6 +69,23 @@ def followed():
             if one._opening is not None:
                 one._opening.join()
     return one, rows[: one.samples], updates
+
+
+@pytest.fixture(scope="module")
+def followed():
+    return follow(rows_of(60)[0], SPEC)
+
+
+def test_a_curved_law_behind_kelvin_voigt_elements_is_followed():
+    spec = "neohooke+gkv1+series_resistance"
+    truth = {"C1_Pa": 2e5, "k_1_Pa": 8e6, "tau_1_s": 1.0, "R_s_ohm": 1.5e5}
+    one, rows, _ = follow(rows_of(30, spec=spec, truth=truth)[0], spec)
+    q = one.draws(60)
+    with threadpool_limits(1):
+        d = exact_log_likelihood(one, rows, q) - one.posterior.log_likelihood(q)
+    assert d.std() < 0.2
+    for name, value in truth.items():
+        assert abs(one.latest[name]["mean"] - value) < 4 * one.latest[name]["sd"], name
 
 
 @pytest.mark.long
@@ -136,7 +151,7 @@ def test_the_next_experiment_of_a_curved_model_is_chosen_too(followed):
 
 
 def test_more_than_this_is_refused_with_the_way_out():
-    for spec in ("hooke+gm1+acquisition_delay", "hooke+gm1+inertia", "yeoh+gkv2", "pz3+series_resistance"):
+    for spec in ("hooke+gm1+acquisition_delay", "hooke+gm1+inertia", "yeoh+gkv2+inertia", "pz3+series_resistance"):
         with pytest.raises(InputError, match=r"cannot be followed live.*calibrate"):
             check_curved(build_model(spec))
 
