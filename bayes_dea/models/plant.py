@@ -22,7 +22,7 @@ from .model import Model
 from .networks import maxwell_to_modes, modes_to_maxwell, process_to_modes
 from .series_law import SERIES, series_parameters
 from .series_modes import SeriesModes, series_modes
-from .static import HOOKE, LAWS, small_strain_modulus, tangent
+from .static import HOOKE, LAWS, N_PARAMETERS, small_strain_modulus, tangent
 
 #: elements of friction where none are stated, as in priors/effects: at the quantiles (j + 1/2)/64 enough for 0.15 um of
 #: the limit of infinitely many (0) on the paper's actuator at 2 kPa; twelve would be 0.6 um rms from it. Their number
@@ -360,19 +360,27 @@ class Plant:
 def straightened(plant: Plant, strain: float) -> Plant:
     """The same with Hooke's law instead of a curved one, as stiff as that is about a strain; its mass and damper stay.
 
-    Itself where the law is Hooke's, does not stand in parallel with the branches, or has no stiffness there.
+    Itself where the law is Hooke's, or has no stiffness there.
     """
-    if plant.law_id == HOOKE or plant.creep is not None or plant.process is not None:
+    if plant.law_id == HOOKE or plant.process is not None:
         return plant
     which = next(law for law in LAWS.values() if law.law_id == plant.law_id)
-    Y = float(tangent(which, plant.law, np.array([strain]))[0])
+    if plant.creep is not None:  # a part of the strain is the spring's
+        strain *= plant.Y_Pa / small_strain_modulus(plant.law_id, plant.law)
+    Y = float(tangent(which, plant.law[:N_PARAMETERS], np.array([strain]))[0])
     if not 0.0 < Y < np.inf:
         return plant
+    branches = plant.branches
+    if plant.creep is not None:
+        compliances, times = plant.creep
+        modulus, k, tau, _ = modes_to_maxwell(np.array([1.0 / Y]), compliances[None], times[None])
+        Y, branches = float(modulus[0]), [*branches, *zip(k[0].tolist(), tau[0].tolist(), strict=True)]
     # frequency and damping ratio are those of the mass on the modulus
     faster = np.sqrt(Y / plant.Y_Pa)
-    law = np.zeros_like(plant.law)
+    law = np.zeros(N_PARAMETERS)
     law[0] = Y
-    return replace(plant, law_id=HOOKE, law=law, Y_Pa=Y, f_1_Hz=plant.f_1_Hz * faster, zeta=plant.zeta / faster)
+    return replace(plant, law_id=HOOKE, law=law, Y_Pa=Y, branches=branches, creep=None, f_1_Hz=plant.f_1_Hz * faster,
+                   zeta=plant.zeta / faster)
 
 
 _FIELDS = {f.name for f in fields(Plant)}

@@ -108,6 +108,24 @@ def test_the_straight_law_keeps_the_mass_and_its_damper():
     assert straightened(straight, 0.2) is straight
 
 
+def test_a_law_in_series_is_straightened_with_what_is_behind_it():
+    """About a strain that it has after a long time, a spring and the elements behind it have that of the spring."""
+    model = build_model("yeoh+gkv2+inertia+extra_relaxation_mode")
+    values = {"C1_Pa": 1e5, "C2_Pa": 3e5, "C3_Pa": 0.0, "k_1_Pa": 2e6, "tau_1_s": 3.0, "k_2_Pa": 3e6, "tau_2_s": 0.1,
+              "f_1_Hz": 140.0, "zeta": 0.05, "k_x_Pa": 5e4, "tau_x_s": 0.4}
+    plant = plant_of(model, values, concealed().actuator)
+    straight = straightened(plant, 0.1)
+    law = LAWS["yeoh"]
+    spring = 0.1 * plant.Y_Pa / 6e5
+    modulus = 1e3 * float(stress(law, plant.law[:6], spring + 5e-4) - stress(law, plant.law[:6], spring - 5e-4))
+    assert straight.Y_Pa == pytest.approx(1.0 / (1.0 / modulus + 1.0 / 2e6 + 1.0 / 3e6), rel=1e-5)
+    # at once all branches are springs: those of the network, and the one beside it
+    assert straight.Y_Pa + sum(k for k, _ in straight.branches) == pytest.approx(modulus + 5e4, rel=1e-5)
+    mass = [p.Y_Pa / (2.0 * np.pi * p.f_1_Hz) ** 2 for p in (plant, straight)]
+    assert mass[1] == pytest.approx(mass[0])
+    assert straight.swings
+
+
 @pytest.mark.long
 def test_a_mass_is_named_on_a_law_that_locks_in_the_upper_half_of_the_range():
     """Fitted to the lower half alone, Gent's law has no answer in the upper one: that start is left out."""
