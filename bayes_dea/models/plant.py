@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Actuator
 from ..errors import InputError
 from . import material_kernel as mk
-from . import plant_kernel as pk
+from . import plant_layout as layout
 from . import plate_kernel as plates
 from .effects import registered_effects
 from .electrostatics import VACUUM_PERMITTIVITY, VOLTAGE_GEOMETRY, stress_factor, stroke_factor
@@ -275,35 +275,36 @@ class Plant:
 
     @cached_property
     def _numbers(self) -> NDArray[np.float64]:
-        w = self._of_material(pk.SIZE)
+        w = self._of_material(layout.SIZE)
         for index, value in (
-            (pk.P_FACTOR, self.factor), (pk.P_THICK, self.thickness_feedback), (pk.P_CEPS, self.c_eps),
-            (pk.P_CHI, self.chi), (pk.P_TAUD, self.tau_d_s), (pk.P_RS, self.R_s_ohm), (pk.P_RL, self.R_leak_ohm),
-            (pk.P_C0, self.capacitance_F), (pk.P_EACT, self.E_0_V_per_m), (pk.P_Z0, self.thickness_m),
-            (pk.P_AQ, self.a_q), (pk.P_TAUQ, self.tau_q_s),
+            (layout.P_FACTOR, self.factor), (layout.P_THICK, self.thickness_feedback), (layout.P_CEPS, self.c_eps),
+            (layout.P_CHI, self.chi), (layout.P_TAUD, self.tau_d_s),
+            (layout.P_RS, self.R_s_ohm), (layout.P_RL, self.R_leak_ohm),
+            (layout.P_C0, self.capacitance_F), (layout.P_EACT, self.E_0_V_per_m), (layout.P_Z0, self.thickness_m),
+            (layout.P_AQ, self.a_q), (layout.P_TAUQ, self.tau_q_s),
         ):
             w[index] = value
         modes = self._linear_part
-        w[pk.P_D], c, T, gamma = modes.D, modes.c, modes.T, modes.gamma
+        w[layout.P_D], c, T, gamma = modes.D, modes.c, modes.T, modes.gamma
         if np.isfinite(self.f_1_Hz):
             # a mass on a network swings in one pair; others are branches that coincide, parted by rounding
             first = int(np.argmax(np.abs(T.imag) / np.abs(T.real)))
             other = int(np.argmin(np.abs(T - T[first].conj())))
             if T[first].imag != 0.0:
                 first, other = (first, other) if T[first].imag > 0.0 else (other, first)
-                w[pk.P_PAIR] = 1.0
-                w[pk.P_CR], w[pk.P_CI] = c[first].real, c[first].imag
-                w[pk.P_TR], w[pk.P_TI] = T[first].real, T[first].imag
-                w[pk.P_GR], w[pk.P_GI] = gamma[first].real, gamma[first].imag
+                w[layout.P_PAIR] = 1.0
+                w[layout.P_CR], w[layout.P_CI] = c[first].real, c[first].imag
+                w[layout.P_TR], w[layout.P_TI] = T[first].real, T[first].imag
+                w[layout.P_GR], w[layout.P_GI] = gamma[first].real, gamma[first].imag
                 rest = np.ones(T.size, dtype=bool)
                 rest[[first, other]] = False
                 c, T, gamma = c[rest], T[rest], gamma[rest]
         n, slow_first = T.size, np.argsort(-T.real)
-        w[pk.P_N] = n
-        w[pk.A_C:pk.A_C + n], w[pk.A_T:pk.A_T + n] = c.real[slow_first], T.real[slow_first]
-        w[pk.A_G:pk.A_G + n] = gamma.real[slow_first]
+        w[layout.P_N] = n
+        w[layout.A_C:layout.A_C + n], w[layout.A_T:layout.A_T + n] = c.real[slow_first], T.real[slow_first]
+        w[layout.A_G:layout.A_G + n] = gamma.real[slow_first]
         if self.creep is not None:
-            w[pk.P_SPRING], w[pk.P_YS] = self.law_id, small_strain_modulus(self.law_id, self.law)
+            w[layout.P_SPRING], w[layout.P_YS] = self.law_id, small_strain_modulus(self.law_id, self.law)
         return w
 
     @property
@@ -348,8 +349,8 @@ class Plant:
 
     def kernel_numbers(self) -> NDArray[np.float64]:
         """The plant as `plant_kernel` takes it (SIZE,), a fresh copy: a run overwrites the state in it."""
-        w = np.empty(pk.SIZE)
-        w[:pk.A_TABLES] = self._numbers[:pk.A_TABLES]  # the kernel fills the tables as it needs them
+        w = np.empty(layout.SIZE)
+        w[:layout.A_TABLES] = self._numbers[:layout.A_TABLES]  # the kernel fills the tables as it needs them
         return w
 
     def plate_numbers(self) -> NDArray[np.float64]:

@@ -7,6 +7,9 @@ stress and the strain are solved together at the end of the step, by Newton's me
 a step enters as a jump at its start, placed so that the mean over the step is right; modes that are quick beside the
 step see the charging itself.
 
+A curved spring in series with elements is part of the network as far as it is straight; what it is beyond that goes, as
+a second stress that is straight within the step, to all that stands beside it (`series_modes`).
+
 Nothing is approximate, then, but that what depends on the strain is taken as straight within a step. Its course in the
 middle, which the modes know, tells how wrong that is, and the step is cut where it matters.
 
@@ -21,9 +24,9 @@ import math
 import numpy as np
 
 from ..compiled import njit
-from .circuit_kernel import charge, field, fold, following, halved, leaking, place, shorter, stored, straight
+from . import mode_tables as mt
+from .circuit_kernel import charge, field, following, halved, leaking, shorter, stored
 from .material_kernel import (
-    BEYOND,
     P_BETA,
     P_DE,
     P_EC,
@@ -46,55 +49,53 @@ from .material_kernel import (
     friction,
     rested,
 )
+from .plant_layout import (
+    A_C,
+    A_G,
+    A_H,
+    A_T,
+    A_TABLES,
+    A_X,
+    MODES,
+    P_AQ,
+    P_C0,
+    P_CEPS,
+    P_CHI,
+    P_CI,
+    P_CR,
+    P_D,
+    P_EACT,
+    P_FACTOR,
+    P_GI,
+    P_GR,
+    P_N,
+    P_PAIR,
+    P_RL,
+    P_RS,
+    P_SPRING,
+    P_THICK,
+    P_TI,
+    P_TR,
+    P_WHOLE,
+    P_YS,
+    P_Z0,
+    TABLE,
+    TABLES,
+    X_D1,
+    X_D2,
+    X_LOAD,
+    X_P,
+    X_SPRING,
+    X_STEP,
+    X_TRIED,
+    X_V,
+    X_VQ,
+    X_ZI,
+    X_ZR,
+)
 from .static import HOOKE, law_stress_tangent
 
 _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
-
-# ---- numbers of a plant, behind those of the material
-(
-    P_FACTOR, P_THICK, P_CEPS, P_CHI, P_TAUD,  # stress
-    P_RS, P_RL, P_C0, P_EACT, P_Z0,  # circuit
-    P_AQ, P_TAUQ,  # stored charge
-    P_N, P_D, P_PAIR,  # real modes, strain that follows the stress at once (1/Pa), whether a pair swings
-    P_CR, P_CI, P_TR, P_TI,  # the pair's first: coefficient (1/Pa), time constant (s)
-    P_WHOLE,  # whether steps are taken as they are, however wrong
-    P_SPRING, P_YS, P_GR, P_GI,  # law and modulus (Pa) of a curved spring in series; the pair's gamma (`series_modes`)
-) = range(BEYOND, BEYOND + 24)
-
-# ---- numbers that go from step to step
-(
-    X_V, X_VQ, X_P, X_LOAD,  # volts on the dielectric, stored charge, polarisation, stress on the linear network
-    X_ZR, X_ZI,  # state of the pair
-    X_D1, X_D2, X_STEP,  # the last two changes of the strain, and the length of their steps
-    X_SPRING,  # strain of the curved spring in series
-    X_TRIED,  # steps tried since the state was prepared
-) = range(BEYOND + 24, BEYOND + 35)
-
-#: most real modes
-MODES = 28
-#: what is kept of a length of step beside the modes: sums of weights, the pair, lags of stored charge and polarisation
-_SUMS = 36
-_TABLE = 6 * MODES + _SUMS
-#: lengths of steps of which coefficients are kept; a power of two
-_TABLES = 32
-A_H = BEYOND + 36  # the lengths
-A_C = A_H + _TABLES
-A_T = A_C + MODES
-A_X = A_T + MODES
-A_G = A_X + MODES
-A_TABLES = A_G + MODES
-SIZE = A_TABLES + _TABLES * _TABLE
-# ---- of a table: what stays of modes, weights of the stress's start and end, what stays to the middle, weight of what
-# the stress in the middle is beside its line, length of the step in time constants; then sums
-_KEEP, _W0, _W1, _HALF, _WM, _LONG = 0, MODES, 2 * MODES, 3 * MODES, 4 * MODES, 5 * MODES
-(
-    _S0, _S1, _SM, _U0, _U1, _ALL,  # sums of weights, to the end and to the middle; of what a step can do at all
-    _BOW,  # strain (1/Pa) at the end by a parabola that is taken as a line, at most
-    _KR, _KI, _AR, _AI, _BR, _BI, _MR, _MI, _HR, _HI,  # the pair: what stays, weights, what stays to the middle
-    _Q0, _Q1, _Q2, _P0, _P1, _P2,  # stored charge, polarisation
-    _G0, _G1, _GM, _GU0, _GU1, _GALL,  # as _S0 to _ALL, of modes as the spring in series shows them
-    _GG0, _GG1, _GGM, _GGU0, _GGU1,  # the same, driven from there
-) = range(6 * MODES, 6 * MODES + 34)
 
 _SPRING_TOLERANCE = 1e-6  # the same of a spring in series
 _TOLERANCE = 4e-6  # a Newton step of this strain is the last: what is left is its square
@@ -110,113 +111,6 @@ _SHORTEST = 5e-4  # part of a step from node to node below which no accuracy is 
 #: steps tried on average for each one asked for; beyond, there is no answer
 _TRIES_A_STEP = 30
 _MAX_ITERATIONS = 60
-
-
-@_jit
-def _lag(z):
-    """A lag after z time constants: what stays of it, weights of a straight input's start and end, and of what the
-    input is in the middle beside that line, if it is a parabola. z may be complex."""
-    if abs(z) < 0.02:
-        m = 1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0)))
-        second = z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0)))
-        return 1.0 - z * m, z * m - second, second, z * (2.0 / 3.0 - z * (1.0 / 3.0 - z * (0.1 - z / 45.0)))
-    stays = np.exp(-z)
-    m = (1.0 - stays) / z
-    first = m - stays
-    return stays, first, 1.0 - m, 4.0 * (first * (1.0 - 2.0 / z) + stays)
-
-
-@_jit
-def _bowed(z, most):
-    """What a lag of z time constants has at its end of a stress t (t - 1), above the line of its mean and end."""
-    return min(z * z / 36.0, most, 2.0 / (3.0 * z) if z > 1.0 else 1.0)
-
-
-@_jit
-def _fill_series(tab, gamma, first, second, beside, middle0, middle1):
-    """Add a mode's weights to the sums that a spring in series has; all may be complex."""
-    once, twice = gamma, gamma * gamma
-    tab[_G0] += (once * first).real
-    tab[_G1] += (once * second).real
-    tab[_GM] += (once * beside).real
-    tab[_GU0] += (once * middle0).real
-    tab[_GU1] += (once * middle1).real
-    tab[_GG0] += (twice * first).real
-    tab[_GG1] += (twice * second).real
-    tab[_GGM] += (twice * beside).real
-    tab[_GGU0] += (twice * middle0).real
-    tab[_GGU1] += (twice * middle1).real
-    tab[_GALL] += abs(once * (first + second))
-
-
-@_jit
-def _fill_table(w, tab, h):
-    """Coefficients of a step of length h (s)."""
-    tab[_S0:_HI + 1] = 0.0
-    tab[_G0:_GGU1 + 1] = 0.0
-    series = w[P_SPRING] != HOOKE
-    for j in range(int(w[P_N])):
-        c = w[A_C + j]
-        stays, first, second, beside = _lag(h / w[A_T + j])
-        half, u0, u1, _ = _lag(0.5 * h / w[A_T + j])
-        tab[_KEEP + j], tab[_W0 + j], tab[_W1 + j], tab[_HALF + j] = stays, c * first, c * second, half
-        tab[_WM + j] = c * beside
-        tab[_LONG + j] = h / w[A_T + j]
-        tab[_SM] += c * beside
-        tab[_S0] += c * first
-        tab[_S1] += c * second
-        tab[_U0] += c * (u0 + 0.5 * u1)
-        tab[_U1] += c * 0.5 * u1
-        tab[_ALL] += abs(c) * (first + second)
-        tab[_BOW] += abs(c) * _bowed(h / w[A_T + j], 0.06)
-        if series:
-            _fill_series(tab, w[A_G + j], c * first, c * second, c * beside, c * (u0 + 0.5 * u1), c * 0.5 * u1)
-    if w[P_PAIR] != 0.0:
-        c, T = complex(2.0 * w[P_CR], 2.0 * w[P_CI]), complex(w[P_TR], w[P_TI])
-        kept, first, second, aside = _lag(h / T)
-        halved, v0, v1, _ = _lag(0.5 * h / T)
-        tab[_KR], tab[_KI], tab[_HR], tab[_HI] = kept.real, kept.imag, halved.real, halved.imag
-        first, second, aside, v0, v1 = c * first, c * second, c * aside, c * v0, c * v1
-        tab[_MR], tab[_MI] = aside.real, aside.imag
-        tab[_SM] += aside.real
-        tab[_AR], tab[_AI], tab[_BR], tab[_BI] = first.real, first.imag, second.real, second.imag
-        tab[_S0] += first.real
-        tab[_S1] += second.real
-        tab[_U0] += v0.real + 0.5 * v1.real
-        tab[_U1] += 0.5 * v1.real
-        tab[_ALL] += abs(first + second)
-        tab[_BOW] += abs(c) * _bowed(abs(h / T), 0.2)
-        if series:
-            _fill_series(tab, complex(w[P_GR], w[P_GI]), first, second, aside, v0 + 0.5 * v1, 0.5 * v1)
-    if w[P_AQ] != 0.0:
-        tab[_Q0], tab[_Q1], tab[_Q2] = straight(h / w[P_TAUQ])
-    if w[P_CHI] != 0.0:
-        tab[_P0], tab[_P1], tab[_P2] = straight(h / w[P_TAUD])
-
-
-@_jit
-def _table_of(w, h):
-    """Where the coefficients of a step of length h (s) begin; those of a few lengths need not be worked out again."""
-    k = place(h, _TABLES)
-    at = A_TABLES + k * _TABLE
-    if h != w[A_H + k]:
-        w[A_H + k] = h
-        _fill_table(w, w[at:at + _TABLE], h)
-    return at
-
-
-@fold
-def _dying(z, keep, x, left, first, second):
-    """What a mode of z time constants in a step has at its end of first exp(-x t/h) + second exp(-2 x t/h).
-
-    left: what exp(-x t/h) is there then.
-    """
-    d, d2 = z - x, z - 2.0 * x
-    if abs(d) < 1e-3:
-        return z * (first * left * (1.0 - d * (0.5 - d / 6.0)) + second * (left * left - keep) / d2)
-    if abs(d2) < 1e-3:
-        return z * (first * (left - keep) / d + second * left * left * (1.0 - d2 * (0.5 - d2 / 6.0)))
-    return z * (first * (left - keep) * d2 + second * (left * left - keep) * d) / (d * d2)
 
 
 @_jit
@@ -288,7 +182,7 @@ def run(w, law_p, h, u0, u1, out):
     lift = curve = middle = 0.0
     rc, charges, leaks = rs * c0, 0.0, 1.0 + rs / w[P_RL]
     D1, D2, step1, length = w[X_D1], w[X_D2], w[X_STEP], -1.0
-    tab = w[A_TABLES:A_TABLES + _TABLE]
+    tab = w[A_TABLES:A_TABLES + TABLE]
     quick, pair_quick = n, False
     spent, budget = 0, _TRIES_A_STEP * h.size + 20_000
     for i in range(h.size):
@@ -301,8 +195,8 @@ def run(w, law_p, h, u0, u1, out):
                 e = math.nan
                 break
             if step != length:
-                at = _table_of(w, step)
-                tab, length = w[at:at + _TABLE], step
+                at = mt.table_of(w, step)
+                tab, length = w[at:at + TABLE], step
                 quick = n
                 while quick > 0 and step > _QUICK * T[quick - 1]:
                     quick -= 1
@@ -313,18 +207,18 @@ def run(w, law_p, h, u0, u1, out):
                 v_start, v_end = u0[i] + rise * done, u0[i] + rise * (done + step)
             kept = 0.0
             for j in range(n):
-                kept += tab[_KEEP + j] * x[j]
+                kept += tab[mt.KEEP + j] * x[j]
             if pair:
-                z_kept = complex(tab[_KR], tab[_KI]) * z_pair
+                z_kept = complex(tab[mt.KR], tab[mt.KI]) * z_pair
                 kept += z_kept.real
-            S1 = tab[_S1] + prompt_D
+            S1 = tab[mt.S1] + prompt_D
             spring_kept, G1, GG1 = 0.0, 0.0, 0.0
             if series:
                 for j in range(n):
-                    spring_kept += g[j] * tab[_KEEP + j] * x[j]
+                    spring_kept += g[j] * tab[mt.KEEP + j] * x[j]
                 if pair:
                     spring_kept += (g_pair * z_kept).real
-                G1, GG1 = tab[_G1] + prompt_D, tab[_GG1] + prompt_D
+                G1, GG1 = tab[mt.G1] + prompt_D, tab[mt.GG1] + prompt_D
                 # beyond its line the spring gives less, the stiffer it is there
                 S1 -= G1 * G1 * rt / (1.0 + GG1 * rt)
             # what the material holds against the stress beyond the linear spring
@@ -371,8 +265,8 @@ def run(w, law_p, h, u0, u1, out):
                         if active > 0.0:
                             centred = abs(vm - middle) <= _CENTRED * abs(vm) + _LITTLE_V
                     if stores:
-                        vq1, P1, ss, se, dse = stored(tab[_Q0:_Q2 + 1], tab[_P0:_P2 + 1], factor, aq, chi, v1, vm, v2,
-                                                      dv, vq, P)
+                        vq1, P1, ss, se, dse = stored(tab[mt.Q0:mt.Q2 + 1], tab[mt.P0:mt.P2 + 1], factor, aq, chi, v1,
+                                                      vm, v2, dv, vq, P)
                     else:
                         se = factor * v1 * v1
                         ss = 2.0 * factor * v2 - se
@@ -412,21 +306,21 @@ def run(w, law_p, h, u0, u1, out):
                     line1 = p1 - first * a - second * a * a
                     line0 = p0 + p1 - 2.0 * first * m - second * m * (1.0 + a) - line1
                 if a == 0.0:
-                    found += tab[_S0] * p0 + tab[_S1] * p1
+                    found += tab[mt.S0] * p0 + tab[mt.S1] * p1
                 else:
                     for j in range(n):
                         if j < quick:
-                            new[j] = tab[_W0 + j] * p0 + tab[_W1 + j] * p1
+                            new[j] = tab[mt.W0 + j] * p0 + tab[mt.W1 + j] * p1
                         else:
-                            new[j] = (tab[_W0 + j] * line0 + tab[_W1 + j] * line1
-                                      + c[j] * _dying(tab[_LONG + j], tab[_KEEP + j], zc, a, first, second))
+                            new[j] = (tab[mt.W0 + j] * line0 + tab[mt.W1 + j] * line1
+                                      + c[j] * mt.dying(tab[mt.LONG + j], tab[mt.KEEP + j], zc, a, first, second))
                         found += new[j]
                     if pair:
-                        w0, w1 = complex(tab[_AR], tab[_AI]), complex(tab[_BR], tab[_BI])
+                        w0, w1 = complex(tab[mt.AR], tab[mt.AI]), complex(tab[mt.BR], tab[mt.BI])
                         if pair_quick:
-                            y_pair, stay_pair = step / T_pair, complex(tab[_KR], tab[_KI])
-                            z_new = w0 * line0 + w1 * line1 + c_pair * _dying(y_pair, stay_pair, zc + 0j, a + 0j, first,
-                                                                              second)
+                            y_pair, stay_pair = step / T_pair, complex(tab[mt.KR], tab[mt.KI])
+                            z_new = w0 * line0 + w1 * line1 + c_pair * mt.dying(y_pair, stay_pair, zc + 0j, a + 0j,
+                                                                                first, second)
                         else:
                             z_new = w0 * p0 + w1 * p1
                         found += z_new.real
@@ -434,15 +328,15 @@ def run(w, law_p, h, u0, u1, out):
                     # the spring's strain that goes with the stress at the end; what dies in the step is in `new`
                     drive = spring_kept + prompt_D * p1
                     if a == 0.0:
-                        drive += tab[_G0] * p0 + tab[_G1] * p1
+                        drive += tab[mt.G0] * p0 + tab[mt.G1] * p1
                     else:
                         for j in range(n):
                             drive += g[j] * new[j]
                         if pair:
                             drive += (g_pair * z_new).real
-                    spring1, r1, rt1 = _in_series(inner, law_p, Ys, spring1, drive - tab[_GG0] * r0, GG1)
-                    found -= tab[_G0] * r0 + G1 * r1
-                    S1 = tab[_S1] + prompt_D - G1 * G1 * rt1 / (1.0 + GG1 * rt1)
+                    spring1, r1, rt1 = _in_series(inner, law_p, Ys, spring1, drive - tab[mt.GG0] * r0, GG1)
+                    found -= tab[mt.G0] * r0 + G1 * r1
+                    S1 = tab[mt.S1] + prompt_D - G1 * G1 * rt1 / (1.0 + GG1 * rt1)
                 slope = ph1 * dse + se * dph1 - (t1 + tf1 - Y) if bends else dse
                 change = (found - e1) / (1.0 - S1 * slope)
                 if it > 25:
@@ -463,9 +357,9 @@ def run(w, law_p, h, u0, u1, out):
                         r1 += rt1 * moved
                     if a != 0.0:
                         for j in range(n):
-                            new[j] += tab[_W1 + j] * slope * change
+                            new[j] += tab[mt.W1 + j] * slope * change
                         if pair:
-                            z_new += complex(tab[_BR], tab[_BI]) * slope * change
+                            z_new += complex(tab[mt.BR], tab[mt.BI]) * slope * change
                     break
                 if abs(change) > 0.1:
                     D += math.copysign(0.1, change) - change
@@ -478,23 +372,23 @@ def run(w, law_p, h, u0, u1, out):
             aside, pushed, r_aside = 0.0, 0.0, 0.0
             if cuts and (bends or currents) and step > _SHORTEST * whole:
                 # the middle as the modes know it, and the straight line that the law was taken along
-                mid = 0.5 * prompt_D * (p0 + p1) + tab[_U0] * p0 + tab[_U1] * p1
+                mid = 0.5 * prompt_D * (p0 + p1) + tab[mt.U0] * p0 + tab[mt.U1] * p1
                 for j in range(n):
-                    mid += tab[_HALF + j] * x[j]
+                    mid += tab[mt.HALF + j] * x[j]
                 if series:
                     # the same of the spring, and what its law is there beside its line
-                    mid -= 0.5 * prompt_D * (r0 + r1) + tab[_GU0] * r0 + tab[_GU1] * r1
-                    within = (0.5 * prompt_D * (p0 + p1 - r0 - r1) + tab[_GU0] * p0 + tab[_GU1] * p1
-                              - tab[_GGU0] * r0 - tab[_GGU1] * r1)
+                    mid -= 0.5 * prompt_D * (r0 + r1) + tab[mt.GU0] * r0 + tab[mt.GU1] * r1
+                    within = (0.5 * prompt_D * (p0 + p1 - r0 - r1) + tab[mt.GU0] * p0 + tab[mt.GU1] * p1
+                              - tab[mt.GGU0] * r0 - tab[mt.GGU1] * r1)
                     for j in range(n):
-                        within += g[j] * tab[_HALF + j] * x[j]
+                        within += g[j] * tab[mt.HALF + j] * x[j]
                     if pair:
-                        within += (g_pair * complex(tab[_HR], tab[_HI]) * z_pair).real
+                        within += (g_pair * complex(tab[mt.HR], tab[mt.HI]) * z_pair).real
                     along = 0.5 * (r0 + r1)
                     _, r_aside, _ = _in_series(inner, law_p, Ys, within, within + prompt_D * along, prompt_D)
                     r_aside -= along
                     mid -= prompt_D * r_aside
-                    worst = 2.0 / 3.0 * tab[_GALL] * _SMOOTH * abs(r_aside)
+                    worst = 2.0 / 3.0 * tab[mt.GALL] * _SMOOTH * abs(r_aside)
                     if worst > _COURSE_TOLERANCE:
                         step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
                         continue
@@ -503,7 +397,7 @@ def run(w, law_p, h, u0, u1, out):
                 y = D - J
                 ring = 0.0
                 if pair:
-                    mid += (complex(tab[_HR], tab[_HI]) * z_pair).real
+                    mid += (complex(tab[mt.HR], tab[mt.HI]) * z_pair).real
                     if step > abs(T_pair):
                         # what swings to and fro within the step may be in the middle just where it began
                         ring = abs(z_pair - c_pair * (p0 - T_pair * (p1 - p0) / step))
@@ -518,7 +412,7 @@ def run(w, law_p, h, u0, u1, out):
                 if (sy > 0.0 or share > 0.0) and 4.0 * off > abs(y):
                     # a turn within the step, which friction and softening remember
                     turned += 3.0 * (remembers + share * t1) * (4.0 * off - abs(y)) ** 2 / (16.0 * off)
-                worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
+                worst = 2.0 / 3.0 * tab[mt.ALL] * (wrong + turned + moves * abs(beside))
                 if worst > 0.02 * _COURSE_TOLERANCE:
                     # the law in the middle
                     holds = beyond_spring(w, law_p, Wm, mid)[0] if curved else 0.0
@@ -528,7 +422,7 @@ def run(w, law_p, h, u0, u1, out):
                     aside = 0.5 * ((ss + se) * ph - p0 - p1) - holds
                     wrong = smooth * abs(aside) + ring * max(abs(first_slope), abs(slope1))
                     aside -= moves * beside
-                    worst = 2.0 / 3.0 * tab[_ALL] * (wrong + turned + moves * abs(beside))
+                    worst = 2.0 / 3.0 * tab[mt.ALL] * (wrong + turned + moves * abs(beside))
                     if worst > _COURSE_TOLERANCE:
                         step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
                         continue
@@ -537,7 +431,7 @@ def run(w, law_p, h, u0, u1, out):
             if cuts and a == 0.0 and v_start != v_end and step > _SHORTEST * whole:
                 # the square of a straight voltage, where modes are quick enough to see that it is no line
                 volts = (V if rs > 0.0 else v_start) - vq
-                wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[_BOW]
+                wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[mt.BOW]
                 if wrong > _CIRCUIT_TOLERANCE:
                     step = halved(step, shorter(_CIRCUIT_TOLERANCE / wrong, 0.25))
                     continue
@@ -567,11 +461,11 @@ def run(w, law_p, h, u0, u1, out):
                     grow = min(grow, 0.9 * math.sqrt(_CIRCUIT_TOLERANCE / wrong))
             if aside != 0.0 or r_aside != 0.0:
                 # what is held in the middle beside the line, as a parabola
-                pushed = tab[_SM] * aside
+                pushed = tab[mt.SM] * aside
                 if series:
                     # the spring's strain without its answer, then with it
-                    inside = (tab[_GM] * aside - tab[_GGM] * r_aside) / (1.0 + GG1 * rt1)
-                    pushed -= tab[_GM] * r_aside + G1 * rt1 * inside
+                    inside = (tab[mt.GM] * aside - tab[mt.GGM] * r_aside) / (1.0 + GG1 * rt1)
+                    pushed -= tab[mt.GM] * r_aside + G1 * rt1 * inside
                 pushed /= 1.0 - S1 * slope
                 D += pushed
                 if series:
@@ -586,25 +480,25 @@ def run(w, law_p, h, u0, u1, out):
                 v1 += dv * pushed
             if a == 0.0:
                 for j in range(n):
-                    x[j] = (tab[_KEEP + j] * x[j] + tab[_W0 + j] * p0 + tab[_W1 + j] * p1
-                            + tab[_WM + j] * aside)
+                    x[j] = (tab[mt.KEEP + j] * x[j] + tab[mt.W0 + j] * p0 + tab[mt.W1 + j] * p1
+                            + tab[mt.WM + j] * aside)
                 if pair:
-                    z_pair = z_kept + complex(tab[_AR], tab[_AI]) * p0 + complex(tab[_BR], tab[_BI]) * p1
+                    z_pair = z_kept + complex(tab[mt.AR], tab[mt.AI]) * p0 + complex(tab[mt.BR], tab[mt.BI]) * p1
             else:
                 for j in range(n):
-                    x[j] = (tab[_KEEP + j] * x[j] + new[j] + tab[_W1 + j] * slope * pushed
-                            + tab[_WM + j] * aside)
+                    x[j] = (tab[mt.KEEP + j] * x[j] + new[j] + tab[mt.W1 + j] * slope * pushed
+                            + tab[mt.WM + j] * aside)
                 if pair:
-                    z_pair = z_kept + z_new + complex(tab[_BR], tab[_BI]) * slope * pushed
+                    z_pair = z_kept + z_new + complex(tab[mt.BR], tab[mt.BI]) * slope * pushed
             if series:
                 for j in range(n):
-                    x[j] -= g[j] * (tab[_W0 + j] * r0 + tab[_W1 + j] * r1 + tab[_WM + j] * r_aside)
+                    x[j] -= g[j] * (tab[mt.W0 + j] * r0 + tab[mt.W1 + j] * r1 + tab[mt.WM + j] * r_aside)
                 if pair:
-                    z_pair -= g_pair * (complex(tab[_AR], tab[_AI]) * r0 + complex(tab[_BR], tab[_BI]) * r1
-                                        + complex(tab[_MR], tab[_MI]) * r_aside)
+                    z_pair -= g_pair * (complex(tab[mt.AR], tab[mt.AI]) * r0 + complex(tab[mt.BR], tab[mt.BI]) * r1
+                                        + complex(tab[mt.MR], tab[mt.MI]) * r_aside)
                 spring, r, rt = spring1, r1, rt1
             if pair:
-                z_pair += complex(tab[_MR], tab[_MI]) * aside
+                z_pair += complex(tab[mt.MR], tab[mt.MI]) * aside
             e += D
             if sy > 0.0:
                 commit_friction(w, e, f1)
@@ -635,7 +529,7 @@ def prepare(w, law_p):
     w[X_V:X_TRIED + 1] = 0.0
     w[A_X:A_X + MODES] = 0.0
     w[X_STEP] = -1.0
-    w[A_H:A_H + _TABLES] = -1.0
+    w[A_H:A_H + TABLES] = -1.0
 
 
 @_jit

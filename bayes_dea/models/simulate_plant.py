@@ -11,7 +11,8 @@ from .electrostatics import VOLTAGE_GEOMETRY
 from .nodes import Nodes
 from .path import Path, durations
 from .plant import Plant
-from .plant_kernel import P_WHOLE, drive_voltage
+from .plant_kernel import drive_voltage
+from .plant_layout import P_WHOLE
 from .plate_kernel import drive_position
 from .series_plates import drive_series
 from .static import law_stress_tangent

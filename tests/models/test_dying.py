@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayes_dea.models.plant_kernel import _dying
+from bayes_dea.models.mode_tables import dying
 
 CASES = [
     (x, times * x + beside)
@@ -21,7 +21,7 @@ def test_it_is_the_integral_of_both_parts(x, rate, turn):
     def answer(t):
         return z * np.exp(-z * (1.0 - t)) * (first * np.exp(-x * t) + second * np.exp(-2.0 * x * t))
 
-    found = _dying(complex(z), np.exp(-z), complex(x), complex(np.exp(-x)), first, second)
+    found = dying(complex(z), np.exp(-z), complex(x), complex(np.exp(-x)), first, second)
     parts = [quad(lambda t, f=f: f(answer(t)), 0.0, 1.0, epsabs=1e-13)[0] for f in (np.real, np.imag)]
     # in a series to second order where two rates are within 1e-3, rounding of their difference beyond it
     assert found == pytest.approx(complex(*parts), abs=1e-9 * max(1.0, abs(z)))

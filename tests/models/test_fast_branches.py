@@ -7,6 +7,7 @@ from bayes_dea import Actuator
 from bayes_dea.models import plant_kernel as pk
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
+from bayes_dea.models.plant_layout import X_TRIED
 
 ACTUATOR = Actuator("reference", 399, 25e-6, 2.8, 7.5602e-5, 1.1450e-4, 10.261e-3)
 SLOW = {"Y_Pa": 1.4e6, "k_1_Pa": 7e4, "tau_1_s": 20.0, "k_2_Pa": 5e4, "tau_2_s": 0.5}
@@ -22,7 +23,7 @@ def strain(spec, values):
     volts = np.where(np.arange(1000) // 50 % 2 == 0, 250.0, 1050.0)
     out, w = np.empty(1000), plant.kernel_numbers()
     pk.drive_voltage(w, plant.law, h, volts, volts, out)
-    return out, w[pk.X_TRIED] / 1000
+    return out, w[X_TRIED] / 1000
 
 
 @pytest.mark.parametrize(("effects", "values"), [

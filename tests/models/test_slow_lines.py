@@ -13,7 +13,8 @@ from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 from bayes_dea.models.nodes import make_nodes, past_nodes, rough_nodes
 from bayes_dea.models.plant import plant_of
-from bayes_dea.models.plant_kernel import P_WHOLE, X_TRIED, drive_voltage
+from bayes_dea.models.plant_kernel import drive_voltage
+from bayes_dea.models.plant_layout import P_WHOLE, X_TRIED
 from bayes_dea.models.simulate_plant import simulate_nodes
 from bayes_dea.models.slow_lines import corners, turns
 
