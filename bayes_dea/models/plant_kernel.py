@@ -176,7 +176,7 @@ def run(w, law_p, h, u0, u1, out):
     ph, dph = field(thick, c_eps, e)
     new = np.zeros(n)
     # of a spring in series: strain, stress beyond its line, slope of that
-    spring, r, rt = w[X_SPRING], 0.0, 0.0
+    spring, r, rt, spring_part = w[X_SPRING], 0.0, 0.0, 0.0
     if series:
         r, rt = _beyond_line(inner, law_p, Ys, spring)
     lift = curve = middle = 0.0
@@ -236,7 +236,7 @@ def run(w, law_p, h, u0, u1, out):
             transient = zc = l0 = l1 = dies = m_dies = 0.0
             # a jump of more than a little is followed up by the law itself
             at_jump, held_jump, slope_jump, ph_jump, dph_jump = 0.0, held, slope0, ph, dph
-            r0, r_jump, rt_jump, r1, rt1, spring1 = r, r, rt, r, rt, spring
+            r0, r_jump, rt_jump, r1, rt1, spring1 = r, r, rt, r, rt, spring + spring_part * D
             s1, t1, f1, tf1, ph1, dph1, W1 = s, t, f, tf, ph, dph, 0.0
             prompt = 0.0
             if rs > 0.0:
@@ -370,7 +370,7 @@ def run(w, law_p, h, u0, u1, out):
                 break
             grow = 2.0
             aside, pushed, r_aside = 0.0, 0.0, 0.0
-            if cuts and (bends or currents) and step > _SHORTEST * whole:
+            if cuts and (curved or stretches or currents or tab[mt.GALL] > 0.0) and step > _SHORTEST * whole:
                 # the middle as the modes know it, and the straight line that the law was taken along
                 mid = 0.5 * prompt_D * (p0 + p1) + tab[mt.U0] * p0 + tab[mt.U1] * p1
                 for j in range(n):
@@ -496,6 +496,7 @@ def run(w, law_p, h, u0, u1, out):
                 if pair:
                     z_pair -= g_pair * (complex(tab[mt.AR], tab[mt.AI]) * r0 + complex(tab[mt.BR], tab[mt.BI]) * r1
                                         + complex(tab[mt.MR], tab[mt.MI]) * r_aside)
+                spring_part = (spring1 - spring) / D if abs(D) > _TOLERANCE else 0.0
                 spring, r, rt = spring1, r1, rt1
             if pair:
                 z_pair += complex(tab[mt.MR], tab[mt.MI]) * aside

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import njit
 from ..errors import InputError
 from .electrostatics import VOLTAGE_GEOMETRY
 from .nodes import Nodes
@@ -15,7 +14,7 @@ from .plant_kernel import drive_voltage
 from .plant_layout import P_WHOLE
 from .plate_kernel import drive_position
 from .series_plates import drive_series
-from .static import law_stress_tangent
+from .spring import add_spring
 from .steps import Steps
 from .strain_kernel import strain_driven_kernel
 from .stress_kernel import GKV
@@ -86,7 +85,7 @@ def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float
         network(h, start, end, *plant.modes, out)
     else:
         network(h, start, end, 0.0, *plant.creep, out)
-        _add_spring(plant.law_id, plant.law, end, out)
+        add_spring(plant.law_id, plant.law, end, out)
     return steps.asked(out)
 
 
@@ -101,26 +100,6 @@ def _supplied(plant: Plant, steps: Steps) -> Steps:
                       plant.tau_fall_s, lines[0], lines[1], lines[2], at)
     h, u0, u1 = lines[:, :many]
     return Steps(h, u0, u1, np.ones(many, dtype=np.int64), steps.asked(at))
-
-
-@njit(cache=True, error_model="numpy")
-def _add_spring(law_id, law, stress, out):
-    """Add the strain of a law under a stress (m,) Pa; nan where the law cannot carry it."""
-    e = 0.0
-    for i in range(stress.size):
-        found = False
-        for _ in range(60):
-            s, t = law_stress_tangent(law_id, law, e)
-            step = (stress[i] - s) / t
-            step = min(max(step, -0.1), 0.1)
-            e = min(e + step, 0.5 * (e + 1.0))
-            if abs(step) < 1e-10:
-                found = True
-                break
-        if not found:
-            out[i:] = np.nan
-            return
-        out[i] += e
 
 
 def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
