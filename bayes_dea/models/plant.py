@@ -208,7 +208,8 @@ class Plant:
     def _mass(self) -> float:
         """Per area and length (Pa s^2)."""
         speed = 2 * np.pi * self.f_1_Hz
-        return self.Y_Pa / (speed * speed) if np.isfinite(self.f_1_Hz) else 0.0
+        with np.errstate(all="ignore"):
+            return float(np.float64(self.Y_Pa) / (speed * speed)) if np.isfinite(self.f_1_Hz) else 0.0
 
     @cached_property
     def swinging_modes(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -288,8 +289,9 @@ class Plant:
         w[layout.P_D], c, T, gamma = modes.D, modes.c, modes.T, modes.gamma
         if np.isfinite(self.f_1_Hz):
             # a mass on a network swings in one pair; others are branches that coincide, parted by rounding
-            first = int(np.argmax(np.abs(T.imag) / np.abs(T.real)))
-            other = int(np.argmin(np.abs(T - T[first].conj())))
+            with np.errstate(all="ignore"):  # modes may be no numbers
+                first = int(np.argmax(np.abs(T.imag) / np.abs(T.real)))
+                other = int(np.argmin(np.abs(T - T[first].conj())))
             if T[first].imag != 0.0:
                 first, other = (first, other) if T[first].imag > 0.0 else (other, first)
                 w[layout.P_PAIR] = 1.0
@@ -316,7 +318,8 @@ class Plant:
         quick = [(k, tau) for k, tau in self.branches if tau <= _AT_ONCE_S]
         damper = self.d0_Pa_s + sum(k * tau for k, tau in quick)
         if np.isfinite(self.f_1_Hz):
-            damper += 2 * self.zeta * np.sqrt(self.Y_Pa * self._mass)
+            with np.errstate(all="ignore"):
+                damper += 2 * self.zeta * np.sqrt(self.Y_Pa * self._mass)
         branches = [(k, tau) for k, tau in self.branches if k > 0.0 and tau > _AT_ONCE_S]
         return series_modes(small_strain_modulus(self.law_id, self.law), self.creep, branches, damper, self._mass)
 

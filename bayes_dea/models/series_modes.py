@@ -52,8 +52,7 @@ def series_modes(
         K[range(1 + n, size), range(1 + n, size)] += k
         C = np.concatenate([[damper], tau / J, k * tau_k])
     if not (np.isfinite(K).all() and np.isfinite(C).all() and np.isfinite(mass)):
-        nothing = np.full(size, np.nan + 0j)
-        return SeriesModes(np.nan, nothing, nothing, nothing)
+        return _nothing(size)
     if mass > 0.0:
         return _swinging(K, C, mass, g)
     if damper > 0.0:
@@ -66,7 +65,11 @@ def series_modes(
 def _relaxing(D: float, K: NDArray, C: NDArray, a: NDArray, g: NDArray) -> SeriesModes:
     """C z' + K z = p a - r g: a symmetric problem, of real and positive rates."""
     root = np.sqrt(C)
-    rates, shapes = np.linalg.eigh(K / np.outer(root, root))
+    with np.errstate(all="ignore"):
+        A = K / np.outer(root, root)
+    if not np.isfinite(A).all():
+        return _nothing(C.size)
+    rates, shapes = np.linalg.eigh(A)
     shows, inside = shapes.T @ (a / root), shapes.T @ (g / root)
     return _shown(D, shows, inside, shows, 1.0 / rates)
 
@@ -77,8 +80,11 @@ def _swinging(K: NDArray, C: NDArray, mass: float, g: NDArray) -> SeriesModes:
     A = np.zeros((size + 1, size + 1))  # e, speed, the others
     others = np.r_[0, 2:size + 1]
     A[0, 1] = 1.0
-    A[1, others], A[1, 1] = -K[0] / mass, -C[0] / mass
-    A[np.ix_(others[1:], others)] = -K[1:] / C[1:, None]
+    with np.errstate(all="ignore"):
+        A[1, others], A[1, 1] = -K[0] / mass, -C[0] / mass
+        A[np.ix_(others[1:], others)] = -K[1:] / C[1:, None]
+    if not np.isfinite(A).all():
+        return _nothing(size + 1)
     poles, shapes = np.linalg.eig(A)
     push = np.zeros((size + 1, 2))
     push[1, 0] = 1.0 / mass
@@ -86,6 +92,12 @@ def _swinging(K: NDArray, C: NDArray, mass: float, g: NDArray) -> SeriesModes:
     drives = np.linalg.solve(shapes, push)
     with np.errstate(all="ignore"):
         return _shown(0.0, shapes[0], g @ shapes[others], drives[:, 0], -1.0 / poles.astype(np.complex128))
+
+
+def _nothing(size: int) -> SeriesModes:
+    """Modes of what is not finite: a simulation with them has no answer."""
+    none = np.full(size, np.nan + 0j)
+    return SeriesModes(np.nan, none, none, none)
 
 
 def _shown(D: float, shows: NDArray, inside: NDArray, driven: NDArray, T: NDArray) -> SeriesModes:

@@ -146,6 +146,8 @@ def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, re
     for i in range(n):
         spring -= new[i]
     s, t = law_stress_tangent(law_id, p, spring)
+    if not math.isfinite(t):  # a law that locks
+        return math.nan
     mu, vectors = coupled_rates(n, k, rate, t)
     while rest > 0.0:
         moved = speed * step - ramp_step(n, k, rate, mu, vectors, t, step, speed, s, new, change)
@@ -172,6 +174,8 @@ def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, re
         s, t_new = law_stress_tangent(law_id, p, spring)
         if step >= rest:
             break
+        if not math.isfinite(t_new):
+            return math.nan
         if t_new != t:
             t = t_new
             mu, vectors = coupled_rates(n, k, rate, t)

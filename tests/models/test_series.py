@@ -320,3 +320,20 @@ def test_between_plates_what_remembers_is_its_own_equations(effect, law):
     assert forces[1].min() >= 0.0
     assert forces[1][1:].min() > 0.0
     assert np.abs(forces[1] - forces[0] - np.array(added) * AREA / (1 - e)).max() < 1e-4
+
+
+@pytest.mark.parametrize("C1", [1e300, 1e305])
+def test_a_spring_beyond_all_measure_has_no_answer(C1):
+    """A search may step there; it is told so, and no error ends it."""
+    values = {"C1_Pa": C1, "k_1_Pa": 5e7, "tau_1_s": 73.0, "k_2_Pa": 6e5, "tau_2_s": 5e-5}
+    t = np.arange(301) * 1e-2
+    position = np.interp(t, [0.0, 1.0, 3.0], [0.0, 3e-3, 3e-3])
+    for spec, more in (("neohooke+gkv2", {}), ("neohooke+gkv2+parallel_damper", {"d0_Pa_s": 1e3})):
+        plant = plant_of(build_model(spec), {**values, **more}, ACTUATOR)
+        assert np.isnan(simulate_plates(plant, t, position, 0.0, 1)[-1])
+
+
+def test_modes_that_are_no_numbers_give_no_answer():
+    for more in ({"f_1_Hz": 1e153, "zeta": 0.1}, {"f_1_Hz": 1e-300, "zeta": 0.1}, {"f_1_Hz": 50.0, "zeta": 1e300}):
+        values = {"C1_Pa": 1e5, **NETWORK, **more}
+        assert np.isnan(simulate(build_model("neohooke+gkv3+inertia"), values, held(LEVELS))[-1])
