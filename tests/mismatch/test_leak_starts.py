@@ -25,6 +25,25 @@ def test_points_take_the_shares_of_the_voltage_that_they_are_meant_to():
     assert leak_points(model, index, 0.0) == []
 
 
+def test_a_resistance_that_the_model_has_is_what_the_leak_takes_its_share_by():
+    model = build_model("hooke+gm3+series_resistance+leakage", VARIANTS["leakage"])
+    names = [p.name for p in model.priors.free]
+    index = np.array([names.index(n) for n in ("R_leak_ohm", "E_0_V_per_m")])
+    field, series = 4.8e7, 6e4
+    leak, activation = np.exp(np.array(leak_points(model, index, field, series_ohm=series))).T
+    ratio = series / (leak * np.exp(-np.sqrt(field / activation)))
+    assert sorted({round(float(r), 6) for r in ratio}) == [0.003, 0.01, 0.03, 0.1, 0.3, 1.0]
+    assert leak_points(model, index, field) == []  # which is none of the leak's own
+
+
+@pytest.mark.long
+def test_a_strongly_activated_leak_behind_a_known_resistance_is_found():
+    true = {"R_leak_ohm": 8e8, "R_s_ohm": 6e4, "E_0_V_per_m": 7e5}
+    s = diagnose(concealed({"leakage": true}), "hooke+gm3+series_resistance", seed=1).summary
+    assert s["verdict"] == "leakage"
+    assert s["confidence"] > 0.7
+
+
 @pytest.mark.long
 def test_a_leak_far_below_its_resistance_at_no_field_is_found():
     """0.6 Mohm at no field, 27 kohm at 1,200 V behind 9.4 kohm: what it takes is told well, its resistance is not."""

@@ -148,6 +148,7 @@ def screen(
     base = frames[0].fit
     problem = base.problem.with_model(model)
     index = own_index(base, model)
+    own_names = {model.priors.free[i].name for i in index}
     d = base.problem.model.dimension
     added = [name for name in model.spec.effects if name not in base.problem.model.spec.effects]
     scored: list[Scored] = []
@@ -177,9 +178,10 @@ def screen(
 
         finding = finding_points(model, index, own_fit.values(), sparse)
         field = highest_field(problem.pieces)
-        finding += leak_points(model, index, field, sparse)
-        if series_ohm is not None:
-            finding += leak_points(model, index, field, sparse, series_ohm)
+        # the leak's own resistance, that of the base, and one that is known about
+        resistances = {None if "R_s_ohm" in own_names else own_fit.values().get("R_s_ohm"), series_ohm}
+        for ohm in (None, *sorted(x for x in resistances if x is not None)):
+            finding += leak_points(model, index, field, sparse, ohm)
         for k, own in enumerate([*weighing, *finding]):
             point = score(own)
             if frame is frames[0] and k < len(weighing):

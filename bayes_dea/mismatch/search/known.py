@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit
 from ..where.size import effect_size, size_elsewhere
 from .hypotheses import DELAY, Odds
 from .once import Once
@@ -29,7 +30,8 @@ class Known:
 
     none: the base alone; singles: number of effects that may be added to it; elsewhere: displacements that were not
     fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most. noise:
-    its prior, with which an effect is held against modes that are none of its own making (`stand_ins`).
+    its prior, with which an effect is held against modes that are none of its own making (`stand_ins`). sized: the
+    base fitted with gains that keep to what the sensor states, where its own do not (`slow_start`).
     """
 
     none: Weighed
@@ -39,6 +41,7 @@ class Known:
     elsewhere: Sequence[Piece] = ()
     weighed: dict[str, Weighed] = field(default_factory=dict)
     noise: NoisePrior | None = None
+    sized: Fit | None = None
     _sizes: Once[float] = field(default_factory=Once, repr=False)
     _sizes_elsewhere: Once[float] = field(default_factory=Once, repr=False)
 
@@ -103,7 +106,8 @@ class Known:
     def _large(self, w: Weighed) -> bool:
         if w.size_m >= self.resolution_m or w.fit is self.none.fit:
             return w.size_m >= self.resolution_m
-        return self._elsewhere(w) >= self.resolution_m or self._with_modes_kept(w) >= self.resolution_m
+        sizes = (self._elsewhere, self._with_gains_kept, self._with_modes_kept)
+        return any(size(w) >= self.resolution_m for size in sizes)
 
     def _elsewhere(self, w: Weighed) -> float:
         """Its size (m) on recordings that were not fitted; of several effects, that of the one that matters least."""
@@ -112,6 +116,12 @@ class Known:
         simpler = self._simpler(w) if self.physics(w) > 1 else None
         without = self.none.fit if simpler is None else simpler.fit
         return self._sizes_elsewhere((w.fit, without), lambda: size_elsewhere(without, w.fit, self.elsewhere))
+
+    def _with_gains_kept(self, w: Weighed) -> float:
+        """Its size (m) against the base without a gain that no sensor has; 0 where it has none, or is no worse."""
+        if self.sized is None or w.log_evidence < self.none.log_evidence + _NEEDED:
+            return 0.0
+        return effect_size(self.sized, w.fit)
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""

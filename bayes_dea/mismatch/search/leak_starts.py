@@ -39,23 +39,24 @@ def leak_points(
 ) -> list[Array]:
     """Points of a field-activated leak's own coordinates (all logarithms); none for anything else.
 
-    series_ohm: the resistance before it, where that is known about; quantiles of its prior are taken otherwise.
+    series_ohm: the resistance before it, where that is known about, and must be where it is none of the leak's own;
+    quantiles of its prior are taken otherwise.
     """
     own = [model.priors.free[i] for i in index]
     place = {p.name: i for i, p in enumerate(own)}
-    if set(place) != {"R_leak_ohm", "R_s_ohm", "E_0_V_per_m"} or field_V_per_m <= 0.0:
+    theirs = {"R_leak_ohm", "E_0_V_per_m"} | ({"R_s_ohm"} if series_ohm is None else set(place) & {"R_s_ohm"})
+    if set(place) != theirs or field_V_per_m <= 0.0:
         return []
     if not all(p.prior.is_log for p in own):
         return []
-    series, activation = (own[place[n]].prior for n in ("R_s_ohm", "E_0_V_per_m"))
     out = []
     quantiles = np.array(_QUICK if sparse else _QUANTILES)
-    before = series.ppf(quantiles) if series_ohm is None else np.log([series_ohm])
+    activation = own[place["E_0_V_per_m"]].prior.ppf(quantiles)
+    before = own[place["R_s_ohm"]].prior.ppf(quantiles) if series_ohm is None else np.log([series_ohm])
     for log_s, log_0, ratio in itertools.product(
-        before.tolist(), activation.ppf(quantiles).tolist(), _FEW if sparse else _RATIOS
+        before.tolist(), activation.tolist(), _FEW if sparse else _RATIOS
     ):
         log_leak = log_s - math.log(ratio) + math.sqrt(field_V_per_m / math.exp(log_0))
-        point = np.empty(3)
-        point[place["R_s_ohm"]], point[place["E_0_V_per_m"]], point[place["R_leak_ohm"]] = log_s, log_0, log_leak
-        out.append(point)
+        at = {"R_s_ohm": log_s, "E_0_V_per_m": log_0, "R_leak_ohm": log_leak}
+        out.append(np.array([at[name] for name in place]))
     return out

@@ -141,7 +141,8 @@ def name_physics(
         singles = refined(base, found, quest, 2, look)
     except _SpoiledError:
         return Spoiled(tuple(begun))
-    search = _Search(quest, brief, none, places, columns, singles, look, otherwise)
+    sized = next((f.fit for f in frames if f.kind == "sized"), None)
+    search = _Search(quest, brief, none, places, columns, singles, look, otherwise, sized)
     search.known.take_from_elsewhere(again(begun, base, brief.prior))
     try:
         search.run([f.fit.q for f in frames[1:]])
@@ -170,7 +171,7 @@ class _Search:
 
     def __init__(
         self, quest: Quest, brief: Brief, none: Explanation, places: Places, columns: list[Array],
-        singles: dict[str, Weighed], look: Callable[[Fit], None], otherwise: Callable[[Fit], float],
+        singles: dict[str, Weighed], look: Callable[[Fit], None], otherwise: Callable[[Fit], float], sized: Fit | None,
     ) -> None:
         self.quest, self.brief = quest, brief
         self.none = self.best = none
@@ -179,8 +180,9 @@ class _Search:
         self.odds = prior_odds()
         elsewhere = [p for p in brief.unseen if p.channel == "displacement"]
         self.known = Known(
-            none.weighed, brief.resolution_m, self.odds, max(len(quest.names), 1), elsewhere, singles, brief.prior
-        )
+            none.weighed, brief.resolution_m, self.odds, max(len(quest.names), 1), elsewhere, singles, brief.prior,
+            sized,
+        )  # fmt: skip
         self._places, self._columns, self._look, self._otherwise = places, columns, look, otherwise
         self._considered: list[Weighed] = []
 

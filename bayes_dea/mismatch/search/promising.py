@@ -23,7 +23,7 @@ from .quest import Quest, Report
 from .relabel import stands_in
 from .relocate import begun_from, relocated
 from .ridge import NARROW, integrated
-from .slow_start import LIMITS, driven_start, slow_start
+from .slow_start import LIMITS, driven_start, sized_start, slow_start
 from .weigh import HOPELESS, Weighed, escape, excess, improved, refine, widths_of
 
 Array = NDArray[np.float64]
@@ -80,11 +80,13 @@ def typical(base: Fit) -> Array:
 
 
 def frames_of(base: Fit, looks: list[Features], prior: NoisePrior) -> list[Frame]:
-    """Where the base may be moved along from: its maximum, and its fits to what is slow and to what a voltage drove."""
+    """Where the base may be moved along from: its maximum, and its fits to what is slow, to what a voltage drove, and
+    to readings as large as the sensor states."""
     starts = {
         "": base,
         "slow": slow_start(base, looks, prior, [typical(base)]),
         "driven": driven_start(base, prior, [typical(base)]),
+        "sized": sized_start(base, prior, [typical(base)]),
     }
     quiet = prior.start()  # the noise of a wrong model has grown
     return [Frame(replace(f, noise=quiet), kind=kind) for kind, f in starts.items() if f is not None]
