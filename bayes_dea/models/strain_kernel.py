@@ -133,11 +133,19 @@ def strain_step_gkv(law_id: int, p: Array, n: int, k: Array, rate: Array, h: flo
 
 
 @_jit
+def _lost(new: Array) -> float:
+    """No stress, and no strains (n,) that could go on."""
+    new[:] = math.nan
+    return math.nan
+
+
+@_jit
 def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, rest: float, start: float,
                         speed: float, new: Array) -> float:
     """GKV behind a stiff spring: as `strain_step_gkv` for what is left of a step, along the tangent of the law.
 
-    Along it the branches are exact; the law's distance from it at the end is what a step is cut by.
+    Along it the branches are exact; the law's distance from it at the end is what a step is cut by. Where there is no
+    answer `new` is lost, too: what follows would be as long in finding none.
     """
     change = np.empty(n)
     strain, step, tries = start, rest, 0
@@ -147,7 +155,7 @@ def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, re
         spring -= new[i]
     s, t = law_stress_tangent(law_id, p, spring)
     if not math.isfinite(t):  # a law that locks
-        return math.nan
+        return _lost(new)
     mu, vectors = coupled_rates(n, k, rate, t)
     while rest > 0.0:
         moved = speed * step - ramp_step(n, k, rate, mu, vectors, t, step, speed, s, new, change)
@@ -164,7 +172,7 @@ def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, re
             step = shorter(step, error) if math.isfinite(error) else 0.1 * step
             continue
         if tries >= MAX_TRIES:
-            return math.nan
+            return _lost(new)
         for i in range(n):
             new[i] += change[i]
         strain += speed * step
@@ -175,7 +183,7 @@ def _strain_steps_stiff(law_id: int, p: Array, n: int, k: Array, rate: Array, re
         if step >= rest:
             break
         if not math.isfinite(t_new):
-            return math.nan
+            return _lost(new)
         if t_new != t:
             t = t_new
             mu, vectors = coupled_rates(n, k, rate, t)

@@ -22,7 +22,7 @@ from ..where.discrepancy import basis, discrepancy
 from ..where.features import Features
 from ..where.locate import Places, is_adequate, places_of, scan
 from ..where.size import effect_size
-from .beside import beside, promised_beside
+from .beside import beside, promised_beside, together
 from .elements import counted
 from .frame import Frame
 from .grid import Screened
@@ -43,7 +43,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import again, from_the_leader
 from .second_thoughts import merged, second_thoughts
-from .shifted import shifted_rivals
+from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 
@@ -328,6 +328,9 @@ class _Search:
             return []
         start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
         more = self._taken(found)
+        if first_of_all and more:
+            late = self.known.weighed.get("+".join(together(start.effects, DELAY)))
+            more += self._taken(read_early_or_late(max(more, key=self.known.weight), start, late, self.quest))
         if first_of_all:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)

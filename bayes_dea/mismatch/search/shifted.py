@@ -7,13 +7,19 @@ a damper read late; no search beside the mass comes across the damper.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from ...gauss_newton.laws import laws_of_effect
+from ...gauss_newton.refit import refit
 from ..where.size import effect_size
 from .beside import beside_these, together
 from .frame import Frame
-from .hypotheses import DELAY
+from .hypotheses import DELAY, extended
+from .phase import sample_step_s
 from .promising import RIVALS
 from .quest import Quest
 from .second_thoughts import beside_the_second
@@ -23,6 +29,43 @@ from .weigh import Weighed, refine
 _PROMISED = 0.5
 #: nats behind what explains alone at which the descent of a rival is given up
 _FAR_BEHIND = 50.0
+#: effects that make an answer late by about a sample, if they are weak
+_LATE = {"series_resistance", "supply_current_limit", "one_quadrant_supply", "leakage", "extra_relaxation_mode",
+         "parallel_damper", "inertia", "sensor_lag"}
+
+
+def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, quest: Quest) -> list[Weighed]:
+    """The first of two effects with a shift of half a sample instead of the second, fitted from the base of both.
+
+    What comes late at every edge by a part of a sample, a mass with much damping does nearly as well, and only beside
+    it the modes of the base find back to their work. From a delay of more than a sample descents may not lead to it:
+    what is between two rows is a straight line. known: the first with a shift, where it was weighed.
+    """
+    second = set(pair.effects) - set(first.effects)
+    if DELAY not in quest.names or DELAY in pair.effects or len(second) != 1 or not second & _LATE:
+        return []
+    if known is not None and known.log_evidence > pair.log_evidence - RIVALS:
+        return []
+    fitted, problem = pair.fit, pair.fit.problem
+    at = dict(zip(problem.model.priors.names, fitted.q[: problem.model.dimension], strict=True))
+    half = 0.5 * sample_step_s(fitted)
+    both = together(first.effects, DELAY)
+    out: list[Weighed] = []
+    for law in laws_of_effect(DELAY):
+        model = extended(quest.model, both, {**quest.by(first.laws).given, **law})
+        if model is None or half <= 0.0:
+            continue
+        delay = next((p.prior for p in model.priors.free if p.name == "T_d_s"), None)
+        if delay is None:
+            continue
+        quest.say("comparing rivals", len(out), 2, f"{first.name}, read early or late")
+        shift = math.log(half) if delay.is_log else math.copysign(half, delay.a)
+        start = np.array([at.get(name, shift) for name in model.priors.names])
+        q = np.concatenate([start, fitted.q[problem.model.dimension :]])
+        fit = refit(problem.with_model(model), q, quest.prior.start(), quest.prior, coarse=True)
+        if fit is not None:
+            out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(first.fit, fit)))
+    return sorted(out, key=lambda w: w.log_evidence)[-1:]
 
 
 def shifted_rivals(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:

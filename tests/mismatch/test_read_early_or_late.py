@@ -1,0 +1,58 @@
+"""A second effect that may be no effect: readings a part of a sample late, from the base that both have."""
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed, problem_of
+
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.shifted import read_early_or_late
+from bayes_dea.mismatch.search.weigh import Weighed
+
+LATE_S = 4e-4
+MATERIAL = {"Y_Pa": 1.2e6, "k_1_Pa": 70e3, "k_2_Pa": 50e3, "k_3_Pa": 60e3, "tau_1_s": 200.0, "tau_2_s": 20.0,
+            "tau_3_s": 1.0, "drift_m_per_s": 2e-7}
+
+
+@pytest.fixture(scope="module")
+def explained():
+    """A drift, and beside it a damped mass or a delay, of readings that come 0.4 samples late."""
+    campaign = concealed({"sensor_drift": {"drift_m_per_s": 2e-7}, "acquisition_delay": {"T_d_s": LATE_S}})
+    problem, prior, q = problem_of(campaign)
+    base = refit(problem, q, prior.start(), prior)
+    names = ("sensor_drift", "inertia", "acquisition_delay")
+    given = effect_priors(names, campaign)
+
+    def weighed(*effects, **values):
+        model = extended(problem.model, effects, given)
+        named = {n: np.array([{**MATERIAL, **values}[n]]) for n in model.priors.names}
+        at = model.from_prior_coordinates(model.priors.to_coordinates(named))[0]
+        fit = refit(problem.with_model(model), np.concatenate([at, base.q[problem.model.dimension:]]), prior.start(),
+                    prior)
+        return Weighed(effects, fit, fit.log_evidence, 0.1, 1e-6)
+
+    return (
+        Quest(base, names, given, prior, np.random.default_rng(1)),
+        weighed("sensor_drift"), weighed("sensor_drift", "inertia", f_1_Hz=300.0, zeta=0.8),
+        weighed("sensor_drift", "acquisition_delay", T_d_s=1.2e-3),
+    )  # fmt: skip
+
+
+def test_a_shift_takes_the_place_of_a_damped_mass(explained):
+    quest, first, pair, _ = explained
+    (found,) = read_early_or_late(pair, first, None, quest)
+    assert set(found.effects) == {"acquisition_delay", "sensor_drift"}
+    assert found.log_evidence > pair.log_evidence
+    assert found.fit.values()["T_d_s"] == pytest.approx(LATE_S, rel=0.1)
+
+
+def test_it_is_asked_only_where_it_may_be(explained):
+    quest, first, pair, late = explained
+    (found,) = read_early_or_late(pair, first, None, quest)
+    assert read_early_or_late(pair, first, found, quest) == []  # known already
+    assert read_early_or_late(late, first, None, quest) == []  # the second is a shift itself
+    bound = Quest(quest.base, ("sensor_drift", "inertia"), {}, quest.prior, quest.rng)
+    assert read_early_or_late(pair, first, None, bound) == []  # no delay may be added
+    slow = Weighed(("dielectric_absorption", "sensor_drift"), pair.fit, pair.log_evidence, 0.1, 1e-6)
+    assert read_early_or_late(slow, first, None, quest) == []  # what the second does no shift does
