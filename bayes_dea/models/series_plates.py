@@ -50,13 +50,9 @@ def _freely(w, law_p, which, k, rate, q, new, h, guess, table, work, trial):
     f_last = _stress(w, law_p, which, k, rate, q, new, h, e, e, table, work, trial)
     if f_last == 0.0:
         return 0.0
-    if D == 0.0:
-        D = -math.copysign(1e-6, f_last)
-    low, high = -math.inf, math.inf
-    if f_last > 0.0:
-        high = 0.0
-    else:
-        low = 0.0
+    low, high = (-math.inf, 0.0) if f_last > 0.0 else (0.0, math.inf)
+    if not low < D < high:
+        D = -math.copysign(max(abs(guess), 1e-6), f_last)
     for _ in range(_MAX_ITERATIONS):
         if not low < D < high:
             D = 0.5 * (low + high) if high - low < math.inf else 4.0 * last
@@ -76,7 +72,7 @@ def _freely(w, law_p, which, k, rate, q, new, h, guess, table, work, trial):
 
 
 @_jit
-def _fly(w, law_p, which, k, rate, q, h, speed, on, table, work, trial):
+def fly(w, law_p, which, k, rate, q, h, speed, on, table, work, trial):
     """Let the material go its own way for h (s): from the state in w and q, which it leaves there; returns its speed.
 
     speed: about what it moves at; on: whether it went its own way at that speed before. The strain is nan where there
@@ -143,7 +139,7 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
         before, met = material[b], False
         if not touching:
             kept[:], kept_q[:] = w, q
-            speed = _fly(w, law_p, which, k, rate, q, left, speed, True, table, work, trial)
+            speed = fly(w, law_p, which, k, rate, q, left, speed, True, table, work, trial)
             flown = w[X_E]
             if not contact * (end - flown) > 0.0:
                 stress[b + 1], material[b + 1] = 0.0, flown
@@ -153,7 +149,7 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
             part = gap / (gap + contact * (end - flown)) if gap > 0.0 else 0.0
             w[:], q[:] = kept, kept_q
             if part > 0.0:
-                speed = _fly(w, law_p, which, k, rate, q, part * left, speed, True, table, work, trial)
+                speed = fly(w, law_p, which, k, rate, q, part * left, speed, True, table, work, trial)
             start += part * (end - start)
             left = max((1.0 - part) * left, 1e-12 * h[b])
             _stress(w, law_p, which, k, rate, q, new, 0.0, w[X_E], start, table, work, trial)
@@ -179,7 +175,7 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
                     trial)
             take(w, trial)
             q[:] = new
-        speed = _fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, False,
+        speed = fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, False,
                      table, work, trial)
         touching = False
         stress[b + 1], material[b + 1] = 0.0, w[X_E]

@@ -10,8 +10,11 @@ from scipy.optimize import brentq
 from scipy.special import erf
 
 from bayes_dea.forward import simulate
+from bayes_dea.models.material_kernel import X_E
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
+from bayes_dea.models.plate_kernel import rest
+from bayes_dea.models.series_plates import fly
 from bayes_dea.models.simulate_plant import simulate_plates
 
 UM = 1e-6
@@ -148,6 +151,7 @@ class Sliders:
     """Springs with sliders, equally stiff, that yield at the quantiles of an exponential distribution."""
 
     def __init__(self, sigma_y, eps_y, count):
+        count = int(count)
         yields = -np.log1p(-(np.arange(count) + 0.5) / count)
         self.y = yields * eps_y / yields.mean()
         self.k, self.s, self.e = sigma_y / (eps_y * count), np.zeros(count), 0.0
@@ -179,6 +183,15 @@ class Softening:
 
     def go_to(self, e):
         self.Wm = max(self.Wm, np.interp(e, self.e, self.W))
+
+
+def remembering(effect, law):
+    """Parameters of softening or friction, and what it adds to the stress."""
+    if effect == "mullins_softening":
+        values = {"mullins_share": 0.2, "mullins_m_Pa": 100.0, "mullins_b": 0.5}
+        return values, Softening(law, *values.values())
+    values = {"sigma_y_Pa": 4e3, "eps_y": 0.01, "friction_elements": 12.0}
+    return values, Sliders(*values.values())
 
 
 def in_small_steps(law, beside, levels=LEVELS, parts=20):
@@ -213,12 +226,7 @@ def in_small_steps(law, beside, levels=LEVELS, parts=20):
 @pytest.mark.parametrize("effect", ["rate_independent_hysteresis", "mullins_softening"])
 def test_what_remembers_is_its_own_equations(effect, law):
     parameters, stress = LAWS[law]
-    if effect == "mullins_softening":
-        values = {"mullins_share": 0.2, "mullins_m_Pa": 100.0, "mullins_b": 0.5}
-        beside = Softening(stress, *values.values())
-    else:
-        values = {"sigma_y_Pa": 4e3, "eps_y": 0.01, "friction_elements": 12.0}
-        beside = Sliders(4e3, 0.01, 12)
+    values, beside = remembering(effect, stress)
     expected = in_small_steps(stress, beside)
     found = simulate(build_model(f"{law}+gkv3+{effect}"), {**parameters, **NETWORK, **values}, held(LEVELS))[1:]
     assert np.abs(found - expected).max() < 0.1 * UM
@@ -301,12 +309,7 @@ def test_between_plates_it_is_its_own_equations(effect, law):
 def test_between_plates_what_remembers_is_its_own_equations(effect, law):
     """Up, partly down and up again, in contact: the network alone is known from above, what is beside it is added."""
     parameters, stress = LAWS[law]
-    if effect == "mullins_softening":
-        values = {"mullins_share": 0.2, "mullins_m_Pa": 100.0, "mullins_b": 0.5}
-        beside = Softening(stress, *values.values())
-    else:
-        values = {"sigma_y_Pa": 4e3, "eps_y": 0.01, "friction_elements": 12.0}
-        beside = Sliders(4e3, 0.01, 12)
+    values, beside = remembering(effect, stress)
     t = np.arange(2001) * 1e-3
     e = np.interp(t, [0.0, 0.8, 1.2, 2.0], [0.0, 0.05, 0.04, 0.06])
     forces = []
@@ -337,3 +340,21 @@ def test_modes_that_are_no_numbers_give_no_answer():
     for more in ({"f_1_Hz": 1e153, "zeta": 0.1}, {"f_1_Hz": 1e-300, "zeta": 0.1}, {"f_1_Hz": 50.0, "zeta": 1e300}):
         values = {"C1_Pa": 1e5, **NETWORK, **more}
         assert np.isnan(simulate(build_model("neohooke+gkv3+inertia"), values, held(LEVELS))[-1])
+
+
+def test_a_guess_of_the_wrong_direction_misleads_nobody():
+    """What a material does on its own is the same, whatever it was taken to do at first."""
+    plant = plant_of(build_model("neohooke+gkv3+strain_stiffening"), {"C1_Pa": 8e4, **NETWORK, "beta": 30.0}, ACTUATOR)
+    compliances, times = plant.creep
+    ends = []
+    for speed in (-0.5, 0.0, 0.5):
+        w, trial = plant.plate_numbers(), plant.plate_numbers()
+        rest(w, plant.law)
+        q = np.array([0.01, 0.008, 0.002])  # elements that were compressed
+        work = np.empty((3, 4)), np.empty((3, 4))
+        w[X_E] = 0.02
+        fly(w, plant.law, plant.law_id, 1 / compliances, 1 / times, q, 0.01, speed, False, *work, trial)
+        ends.append([w[X_E], *q])
+    assert np.isfinite(ends).all()
+    assert ends[0][0] < 0.0199
+    assert np.ptp(ends, axis=0).max() < 1e-10
