@@ -88,7 +88,7 @@ class Bank:
                   for i in range(len(self.z))]
         self.W = np.stack([p.kernel_numbers() for p in plants])
         self._laws = np.stack([np.asarray(p.law, float) for p in plants])
-        self._stroke = plants[0].stroke_m
+        self._stroke, self._series = plants[0].stroke_m, plants[0].in_series
         self._bend = np.array([p.q_2_per_m for p in plants])
         for w, law in zip(self.W, self._laws, strict=True):
             pk.prepare(w, law)
@@ -96,7 +96,7 @@ class Bank:
     def advance(self, dt: Array, before_V: Array, after_V: Array) -> Array:
         """Displacements (m, n) in m after steps dt (n,) s, the voltage straight from before_V to after_V in each."""
         out = np.empty((len(self.W), dt.size))
-        run_all(self.W, self._laws, dt, before_V, after_V, out)
+        run_all(self.W, self._laws, dt, before_V, after_V, out, self._series)
         out *= self._stroke
         return np.asarray(out + self._bend[:, None] * out * out if self._bend.any() else out)
 

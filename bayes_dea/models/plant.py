@@ -126,6 +126,11 @@ class Plant:
         return self.law_id == HOOKE and not bent and self.R_s_ohm == 0.0 and not stretches
 
     @property
+    def in_series(self) -> bool | None:
+        """True where a curved law stands in series with its elements, else None: as `plant_kernel` asks for it."""
+        return None if self.creep is None else True
+
+    @property
     def is_series_alone(self) -> bool:
         """Whether a curved law with Kelvin-Voigt elements takes all of a stress, and that does not depend on it."""
         electric = self.thickness_feedback or self.c_eps != 0.0 or self.R_s_ohm > 0.0

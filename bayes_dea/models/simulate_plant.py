@@ -72,7 +72,7 @@ def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float
     if not (plant.is_linear or plant.swings or plant.is_series_alone):
         w, out = plant.kernel_numbers(), np.empty(steps.h.size)
         w[P_WHOLE] = whole
-        drive_voltage(w, plant.law, steps.h, steps.u0, steps.u1, out)
+        drive_voltage(w, plant.law, steps.h, steps.u0, steps.u1, out, plant.in_series)
         return steps.asked(out)
     steps = steps.in_pieces
     h = steps.h
