@@ -12,7 +12,7 @@ import math
 from ..compiled import njit
 from .circuit_kernel import inline
 from .series_law import SERIES, series_at_rest
-from .static import HOOKE, law_stress_tangent
+from .static import HOOKE, law_stress_tangent, law_work
 
 # Everything is in one array of floats: a call with a dozen arrays costs more than a step of three branches.
 # ---- numbers of a material, and what goes from step to step
@@ -65,10 +65,7 @@ def elastic(law_id, law_p, Y, beta, dE, ec, share, mm, mb, Wm, e):
             at_rest, slope, W = series_at_rest(law_p, e)
             beside, beside_t = at_rest - Y * e, slope - Y
         else:
-            for g in range(3):
-                at = 0.5 if g == 1 else (0.5 - 0.5 * 0.7745966692414834 if g == 0 else 0.5 + 0.5 * 0.7745966692414834)
-                w = 4.0 / 9.0 if g == 1 else 2.5 / 9.0
-                W += w * e * law_stress_tangent(law_id, law_p, at * e)[0]
+            W = law_work(law_id, law_p, e)
         if beta != 0.0:
             W += 0.25 * beta * Y * e**4
         if dE != 0.0:

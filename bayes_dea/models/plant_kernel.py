@@ -153,6 +153,9 @@ def run(w, law_p, h, u0, u1, out, series=None):
     series: given where the plant has a spring in series (`P_SPRING`): the rest is compiled without, a tenth quicker.
     Goes on from the state in w and leaves it there. nan from where there is no balance of forces.
     """
+    if series is None and w[P_SPRING] != HOOKE:
+        out[:] = math.nan  # rather than the answer without what the spring is beyond its line
+        return
     n, law_id, pair = int(w[P_N]), int(w[P_LAW]), w[P_PAIR] != 0.0
     Y, beta, dE, ec = w[P_Y], w[P_BETA], w[P_DE], w[P_EC]
     share, mm, mb, sy = w[P_SHARE], w[P_MM], w[P_MB], w[P_SY]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import njit
-from .static import N_PARAMETERS, law_stress_tangent
+from .static import N_PARAMETERS, law_stress_tangent, law_work
 
 #: stands for such a law where the numbers of a law stand
 SERIES = -1
@@ -53,9 +53,4 @@ def series_at_rest(p, e):  # type: ignore[no-untyped-def]
             x = 0.5 * (low + high)
     else:
         return math.nan, math.nan, math.nan
-    work = 0.5 * C * s * s
-    for g in range(3):
-        # Gauss's rule
-        at = 0.5 if g == 1 else (0.5 - 0.5 * 0.7745966692414834 if g == 0 else 0.5 + 0.5 * 0.7745966692414834)
-        work += (4.0 / 9.0 if g == 1 else 2.5 / 9.0) * x * law_stress_tangent(which, p, at * x)[0]
-    return s, t / (1.0 + C * t), work
+    return s, t / (1.0 + C * t), law_work(which, p, x) + 0.5 * C * s * s

@@ -175,7 +175,6 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
                     trial)
             take(w, trial)
             q[:] = new
-        speed = fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, False,
-                     table, work, trial)
+        speed = fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, False, table, work, trial)
         touching = False
         stress[b + 1], material[b + 1] = 0.0, w[X_E]

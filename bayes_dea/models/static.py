@@ -154,6 +154,17 @@ def law_stress_tangent(law_id: int, p: NDArray[np.float64], e: float) -> tuple[f
     return math.nan, math.nan
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
+def law_work(law_id: int, p: NDArray[np.float64], e: float) -> float:
+    """Work in J/m^3 of a law's stress up to strain e, as stress over strain, by Gauss's rule with three points."""
+    work = 0.0
+    for g in range(3):
+        at = 0.5 if g == 1 else (0.5 - 0.5 * 0.7745966692414834 if g == 0 else 0.5 + 0.5 * 0.7745966692414834)
+        w = 4.0 / 9.0 if g == 1 else 2.5 / 9.0
+        work += w * e * law_stress_tangent(law_id, p, at * e)[0]
+    return work
+
+
 @njit(cache=True, error_model="numpy")
 def small_strain_modulus(law_id: int, p: NDArray[np.float64]) -> float:
     """Modulus ds/de at e = 0 in Pa: Y, 6 C1, 6 C1, 6 (C1 + C2), 3 mu, 1.5 sum mu alpha."""

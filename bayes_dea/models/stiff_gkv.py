@@ -5,8 +5,6 @@ those of D + t u 1', D = diag(1/tau_i), u_i = 1/(tau_i k_i). Scaled with sqrt(u_
 matrix and one of rank one (Golub, 10.1137/1015032, section 5), so the rates are real and positive, and under a ramp
 the branches move along exponentials and straight lines. A path of the stress that starts with its true slope is
 unstable there: its steps must stay below the shortest of the times, which may be microseconds.
-
-Numba keeps compiled code by the date of each file alone: after an edit here touch `mechanics.py`.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from bayes_dea.forward import simulate
 from bayes_dea.models.material_kernel import X_E
 from bayes_dea.models.model import build_model
 from bayes_dea.models.plant import plant_of
+from bayes_dea.models.plant_kernel import drive_voltage
 from bayes_dea.models.plate_kernel import rest
 from bayes_dea.models.series_plates import fly
 from bayes_dea.models.simulate_plant import simulate_plates
@@ -358,3 +359,12 @@ def test_a_guess_of_the_wrong_direction_misleads_nobody():
     assert np.isfinite(ends).all()
     assert ends[0][0] < 0.0199
     assert np.ptp(ends, axis=0).max() < 1e-10
+
+
+def test_a_kernel_that_was_not_told_of_the_spring_has_no_answer():
+    plant = plant_of(build_model("neohooke+gkv3+parallel_damper"), {"C1_Pa": 8e4, **NETWORK, "d0_Pa_s": 1e3}, ACTUATOR)
+    h, volts, out = np.full(50, 1e-3), np.full(50, 800.0), np.empty(50)
+    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, out)
+    assert np.isnan(out).all()
+    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, out, plant.in_series)
+    assert np.isfinite(out).all()

@@ -119,9 +119,10 @@ class Known:
 
     def _with_gains_kept(self, w: Weighed) -> float:
         """Its size (m) against the base without a gain that no sensor has; 0 where it has none, or is no worse."""
-        if self.sized is None or w.log_evidence < self.none.log_evidence + _NEEDED:
+        sized = self.sized
+        if sized is None or w.log_evidence < self.none.log_evidence + _NEEDED:
             return 0.0
-        return effect_size(self.sized, w.fit)
+        return self._sizes((w.fit, sized), lambda: effect_size(sized, w.fit))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""

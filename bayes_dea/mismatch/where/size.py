@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
-from ...models.static import law_stress_tangent
 
 Array = NDArray[np.float64]
 #: step of the displacement (m) where no resolution is stated
@@ -59,5 +58,4 @@ def _metres_a_newton(force: Piece, fit: Fit) -> float:
 def stiffness(fit: Fit, force: Piece) -> float:
     """Force (N) that a metre between the plates of a mechanical recording takes, by a fit's law at small strain."""
     plant = replace(fit.problem, pieces=(force,)).plants(fit.q)[0]
-    _, modulus = law_stress_tangent(plant.law_id, plant.law, 0.0)
-    return float(modulus) * plant.area_m2 / plant.height_m
+    return plant.Y_Pa * plant.area_m2 / plant.height_m
