@@ -79,8 +79,15 @@ def simulate(
             lambda first, last: (first + share * (last - first)) * stroke, jump[0, h.size :], end[0, h.size :]
         )
     if recording.is_mechanical:
-        position = imposed_position(recording)
+        imposed = imposed_pieces(recording)
+        position = _position(recording, imposed)
         zero = float(position[0]) if zero_m is None else zero_m
+        if model.spec.network == "gkm" and imposed is not None:
+            # a damper's force jumps at the corners, which lie between rows
+            path = _every_row(recording, position, imposed)
+            driven = forces(materials_of(model, batch), path.durations, path.position_m, np.array([zero]),
+                            recording.actuator, contact_of(recording))
+            return path.of_rows(driven[0])
         return forces(
             materials_of(model, batch),
             _steps(recording.time_s),
@@ -126,10 +133,14 @@ def _with_effects(
     require(recording.actuator, ("stack_height_m", "total_area_m2"), f"{recording.name} (a mechanical recording)")
     imposed = imposed_pieces(recording)
     position = _position(recording, imposed)
-    corners = None if imposed is None else imposed.straight.corners
-    path = make_path(recording.time_s, position, np.ones(position.size, dtype=bool), corners=corners)
+    path = _every_row(recording, position, imposed)
     zero = float(position[0]) if zero_m is None else zero_m
     return path.of_rows(simulate_path(plant, path, zero, contact_of(recording)))
+
+
+def _every_row(recording: Recording, position: NDArray[np.float64], imposed: Imposed | None) -> Path:
+    corners = None if imposed is None else imposed.straight.corners
+    return make_path(recording.time_s, position, np.ones(position.size, dtype=bool), corners=corners)
 
 
 def contact_of(recording: Recording) -> int:

@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,11 @@ from .find_map import MapResult, laplace_covariance
 from .fit.adapt import adapt, learned
 from .fit.ensemble import EnsembleResult, Progress, sample
 from .fit.evidence import bridge_log_evidence
+from .fit.pilot import straightened
+from .fit.shear import Shear, fit_shear
 from .likelihood.linear_group import LinearGroup
 from .likelihood.metric import metric_at
+from .likelihood.polynomial import mode_pairs, power_of
 from .likelihood.posterior import Posterior
 from .quantities import to_converge
 from .run_state import further
@@ -29,6 +33,8 @@ from .settings import CalibrationSettings
 
 #: steps after which a run that has not converged is stopped, to begin again with a proposal that knows its draws
 _LEARNING_STEPS = (2000, 4000)
+#: draws that coordinates are straightened by
+_STRAIGHTENED = 10_000
 #: called with (phase, done, of, text)
 Report = Callable[[str, float, float, str], None]
 
@@ -146,12 +152,21 @@ def _sampled(
         say("sampling", 0, 1, "")
         most = s.sampler.max_steps
         for k in range(len(rngs)):
-            last = emulation is not None or k == len(_LEARNING_STEPS) or most < 2 * _LEARNING_STEPS[k]
+            last = k == len(_LEARNING_STEPS) or most < 2 * _LEARNING_STEPS[k]
             result = run(k, most if last else _LEARNING_STEPS[k])
             if last or result.converged or result.steps < _LEARNING_STEPS[k]:
                 break
-            # a branch that the short runs had not found: what this run has seen of it goes into the proposal
-            start, proposal = result.unthinned[0][:, -1].copy(), learned(result, r_learn, s.adapt) or proposal
+            # a branch or a bend that the short runs had not found: what this run has seen of it goes into the
+            # coordinates, unless a metric knows them, and into the proposal
+            where = result.unthinned[0]
+            if metric is None:
+                shear = _straightening(shown, back(where.reshape(-1, where.shape[-1])))
+                log_prob = posterior.log_prob if emulation is None else emulation.emulated.log_prob
+                into: Callable[[NDArray], NDArray] = partial(_from_to, back, shear.forward)
+                density, back = partial(straightened, log_prob, shear, 1.0), shear.inverse
+            else:
+                into = _same
+            start, proposal = into(where[:, -1]), learned(result, r_learn, s.adapt, into)
     lap("sample")
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()
@@ -169,7 +184,17 @@ def _sampled(
 
 
 def _same(x: NDArray) -> NDArray:
-    return x
+    return x.copy()
+
+
+def _from_to(back: Callable[[NDArray], NDArray], forward: Callable[[NDArray], NDArray], x: NDArray) -> NDArray:
+    return forward(back(x))
+
+
+def _straightening(posterior: Posterior, draws: NDArray) -> Shear:
+    """Coordinates in which draws (n, d) of a posterior lie straight."""
+    some = draws[np.linspace(0, len(draws) - 1, min(len(draws), _STRAIGHTENED)).astype(int)]
+    return fit_shear(some, np.array([power_of(n) for n in posterior.names]), mode_pairs(posterior.names))
 
 
 def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:

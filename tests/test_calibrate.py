@@ -175,3 +175,19 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
         tight = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors=narrow)
     assert tight.parameters["Y_Pa"]["mean"] == pytest.approx(1.1e6, rel=1e-3)
     assert tight.parameters["Y_Pa"]["contraction"] < 0.5
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("effect", [None, "series_resistance", "acquisition_delay"])
+def test_recordings_too_short_for_the_slow_modes_converge(tmp_path, effect):
+    """The bench's smallest campaign: two slow modes where its recordings see one (20,000 steps did not do once)."""
+    effects = {} if effect is None else {effect: {"series_resistance": {"R_s_ohm": 150e3},
+                                                  "acquisition_delay": {"T_d_s": 0.005}}[effect]}
+    bd.run_bench(tmp_path / "short", "small", seed=1, effects=effects)
+    spec = "hooke+gm3" if effect is None else f"hooke+gm3+{effect}"
+    s = bd.calibrate(bd.load_campaign(tmp_path / "short"), spec).summary
+    assert s["sampler"]["converged"]
+    assert s["sampler"]["steps"] < 8000
+    for name, true in {"k_3_Pa": 60e3, "tau_3_s": 1.0, **(effects[effect] if effect else {})}.items():
+        e = s["parameters"][name]
+        assert abs(e["mean"] - true) < 4 * e["sd"], name

@@ -291,6 +291,8 @@ def _emcee(
 ) -> Any:
     import emcee
 
+    from bayes_dea.fit.subspace_move import SubspaceMove
+
     moves = [
         (emcee.moves.DEMove(sigma=s.de_sigma), s.de_weight),
         (emcee.moves.DEMove(sigma=s.de_sigma, gamma0=1.0), s.jump_weight),
@@ -314,6 +316,7 @@ def _emcee(
         # where the tails are thinner than the bulk, only steps much shorter than the bulk's lead out of them
         short = 0.2 * 2.38 / np.sqrt(2.0 * d)
         moves.append((emcee.moves.DEMove(sigma=s.de_sigma, gamma0=short), 0.7 * total))
+        moves.append((SubspaceMove(), 1.5 * total))
     sampler = emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
     # emcee's wrapper prints the points and a traceback for whatever passes through, also for a Ctrl-C
     sampler.log_prob_fn = density

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bayes_dea.errors import InputError
 from bayes_dea.fit.ensemble import EnsembleSettings, sample
 from bayes_dea.fit.mixture import Mixture, fit_mixture, joined
-from bayes_dea.fit.shear import Shear, fit_shear
+from bayes_dea.fit.shear import Pair, Shear, fit_shear
 
 Array = NDArray[np.float64]
 LogProb = Callable[[Array], Array]
@@ -78,8 +78,9 @@ def run_pilot(
     rng: np.random.Generator,
     settings: PilotSettings | None = None,
     ensembles: int = 2,
+    pairs: tuple[Pair, ...] = (),
 ) -> Pilot:
-    """Short runs from draws (n, d) that lie roughly where the density is. powers (d,): see `shear.Shear`.
+    """Short runs from draws (n, d) that lie roughly where the density is. powers (d,), pairs: see `shear.Shear`.
 
     Raises InputError where no draw has a finite density.
     """
@@ -91,7 +92,7 @@ def run_pilot(
     usable = np.flatnonzero(value > np.max(value[np.isfinite(value)]) - 10.0 - 3.0 * d)
     start = _first(log_prob, draws, usable, (ensembles, s.walkers_per_dimension * d), rng)
     quick = EnsembleSettings(max_steps=s.steps, check_every=s.steps)
-    shear = fit_shear(draws[usable], powers)
+    shear = fit_shear(draws[usable], powers, pairs)
     proposal: Mixture | None = None
     kept = {1.0: draws[usable], 2.0: draws[usable]}
     for temperature in s.temperatures:
@@ -102,7 +103,7 @@ def run_pilot(
         start = shear.inverse(run.chains[:, -1])
         late = shear.inverse(run.chains[:, run.chains.shape[1] // 3 :]).reshape(-1, d)
         kept[temperature] = late[np.linspace(0, len(late) - 1, min(s.draws, len(late))).astype(int)]
-        shear = fit_shear(np.concatenate(list(kept.values())), powers)
+        shear = fit_shear(np.concatenate(list(kept.values())), powers, pairs)
         with contextlib.suppress(InputError):
             straight = [shear.forward(x) for x in kept.values()]
             fits = [fit_mixture(y, rng, (1, 4, 8, 16)) for y in straight]

@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 from .diagnostics import arviz
 
 Array = NDArray[np.float64]
-#: largest Pareto k of weights that are worth using
-LARGEST_K = 0.7
+#: largest Pareto k of weights that are worth using; times the mean that the largest weight may be whatever k: the
+#: shape of the tail of weights that are all about one says nothing
+LARGEST_K, _EVEN = 0.7, 2.0
+#: share of the draws that has to have a weight at all
+_MOST = 0.5
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,12 @@ class Weights:
     @property
     def usable(self) -> bool:
         """Whether resampling with the weights gives draws of the exact density."""
-        return self.pareto_k < LARGEST_K
+        if self.pareto_k < LARGEST_K:
+            return True
+        good = np.isfinite(self.log_ratio)
+        if good.mean() < _MOST or not np.isfinite(self.sd):
+            return False
+        return bool(np.max(self.log_ratio[good]) - self.log_mean < np.log(_EVEN))
 
     @property
     def effective(self) -> float:
@@ -55,7 +63,7 @@ def smoothed_weights(log_ratio: Array) -> Weights:
     w = np.zeros(len(ratio))
     w[good] = np.exp(np.asarray(smooth))
     # draws where the exact density is zero are no fault of the tail, but many of them are one of the approximation
-    worst = float(np.max(k)) if lost < 0.5 else float("inf")
+    worst = float(np.max(k)) if lost < 1.0 - _MOST else float("inf")
     return Weights(ratio, w / w.sum(), worst, float(np.std(ratio[good])))
 
 

@@ -7,6 +7,7 @@ polynomials fit; where they fit, moves that suit a normal density suit the poste
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations_with_replacement
@@ -17,8 +18,13 @@ from numpy.typing import NDArray
 from ..compiled import njit
 
 Array = NDArray[np.float64]
+#: a slow mode's log rate, the next one's log compliance and log time, as positions of coordinates
+Pair = tuple[int, int, int]
 #: standardised coordinates beyond this count as this, or cubes would rule the tails
 _LARGEST = 6.0
+#: pieces into which draws are cut to tell what a polynomial explains from what it follows by chance, ridges tried, as
+#: shares of the monomials' variances, and share of a coordinate's variance that may be left where one stays
+_PIECES, _RIDGES, _WORTH = 4, (1e-3, 1e-2, 1e-1), 0.98
 
 
 @dataclass(frozen=True)
@@ -26,7 +32,7 @@ class Shear:
     """order (d,): coordinates, the ones that bend the others first; coefficients: of each one's polynomial.
 
     powers (d,): a polynomial's variable is exp(power (z - middle)), z itself where the power is zero: what is linear in
-    a rate bends with its logarithm. mean, sd (d,): of these variables.
+    a rate bends with its logarithm. mean, sd (d,): of these variables. pairs: modes that share a rate, see `shared`.
     """
 
     order: NDArray[np.int64]
@@ -35,19 +41,44 @@ class Shear:
     mean: Array
     sd: Array
     coefficients: Array = field(repr=False)  # (d, longest), zeros behind
+    pairs: tuple[Pair, ...] = ()
 
     def forward(self, z: Array) -> Array:
         """Straightened coordinates (..., d) of z (..., d)."""
-        return self._shifted(z, -1.0)
+        return self._shifted(shared(z, self.pairs), -1.0)
 
     def inverse(self, y: Array) -> Array:
         """Coordinates (..., d) of straightened ones."""
-        return self._shifted(y, 1.0)
+        return parted(self._shifted(y, 1.0), self.pairs)
 
     def _shifted(self, x: Array, sign: float) -> Array:
         out = np.ascontiguousarray(x.reshape(-1, x.shape[-1])).copy()
         _shift(out, sign, self.order, self.powers, self.middle, self.mean, self.sd, self.coefficients)
         return out.reshape(x.shape)
+
+
+def shared(z: Array, pairs: Sequence[Pair]) -> Array:
+    """Of pairs of modes the logarithm of how their rates compare, and that of the sum of their rates; z (..., d).
+
+    Recordings that see one slow mode where the model has two fix the sum of their rates c/T and hardly how it is
+    shared out: the logarithm of what the one leaves to the other falls without end as it nears the whole. With the
+    sum and the ratio instead nothing bends, and the Jacobian is one.
+    """
+    x = z.copy()
+    for slow, compliance, time in pairs:
+        a, b = z[..., slow], z[..., compliance] - z[..., time]
+        x[..., slow], x[..., compliance] = a - b, np.logaddexp(a, b)
+    return x
+
+
+def parted(x: Array, pairs: Sequence[Pair]) -> Array:
+    """The inverse of `shared`."""
+    z = x.copy()
+    for slow, compliance, time in pairs:
+        ratio, total = x[..., slow], x[..., compliance]
+        z[..., slow] = total - np.logaddexp(0.0, -ratio)
+        z[..., compliance] = total - np.logaddexp(0.0, ratio) + x[..., time]
+    return z
 
 
 @njit(cache=True)
@@ -112,19 +143,54 @@ def _indices(k: int) -> tuple[NDArray[np.int64], ...]:
     )
 
 
-def fit_shear(draws: Array, powers: Array) -> Shear:
-    """Shear of draws (n, d). powers (d,): see Shear; the widest logarithm comes first, what is none last."""
+def fit_shear(draws: Array, powers: Array, pairs: tuple[Pair, ...] = ()) -> Shear:
+    """Shear of draws (n, d). powers (d,): see Shear; the widest logarithm comes first, what is none last.
+
+    A polynomial stays where it also explains draws that it was not fitted to: one that follows chance throws whole
+    tails aside. Draws that follow each other (steps of a run, ensembles) are told apart by pieces.
+    """
+    draws = shared(draws, pairs)
     middle = np.median(draws, axis=0)
     order = np.argsort(-np.where(powers == 0.0, 0.0, draws.std(axis=0)), kind="stable")
+    # how two rates compare bends with its logarithm, which has no bounds
+    powers = powers.copy()
+    powers[[slow for slow, _, _ in pairs]] = 0.0
     x = _powered(draws, powers, middle)
     mean, sd = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-300)
     t = np.clip((x - mean) / sd, -_LARGEST, _LARGEST)
     d = len(order)
     coefficients = np.zeros((d, _monomials(np.zeros((1, d))).shape[1]))
+    odd = np.arange(len(draws)) * _PIECES // len(draws) % 2 == 1
     for k in range(1, d):
         A = _monomials(t[:, order[:k]])
-        A = A - A.mean(axis=0)
-        H = A.T @ A + 1e-3 * len(draws) * np.diag(A.var(axis=0) + 1e-12)
-        b = draws[:, order[k]] - draws[:, order[k]].mean()
-        coefficients[k, : A.shape[1]] = np.linalg.solve(H, A.T @ b)
-    return Shear(order, powers, middle, mean, sd, coefficients)
+        coefficients[k, : A.shape[1]] = _bend(A, draws[:, order[k]], odd, k + k * (k + 1) // 2)
+    return Shear(order, powers, middle, mean, sd, coefficients, pairs)
+
+
+def _bend(A: Array, b: Array, odd: NDArray[np.bool_], second: int) -> Array:
+    """Coefficients (m,) of b (n,) in monomials A (n, m), of which `second` are of the second order at most.
+
+    Of the order and the ridge with which either half of the draws foretells the other best.
+    """
+    size, ridge, least = 0, 0.0, _WORTH
+    for s in sorted({second, A.shape[1]}):
+        for r in _RIDGES:
+            left = max(_left(A[:, :s], b, half, r) for half in (odd, ~odd))
+            if left < least:
+                size, ridge, least = s, r, left
+    out = np.zeros(A.shape[1])
+    if size:
+        out[:size] = _solved(A[:, :size], b, ridge)
+    return out
+
+
+def _solved(A: Array, b: Array, ridge: float) -> Array:
+    A = A - A.mean(axis=0)
+    H = A.T @ A + ridge * len(b) * np.diag(A.var(axis=0) + 1e-12)
+    return np.asarray(np.linalg.solve(H, A.T @ (b - b.mean())))
+
+
+def _left(A: Array, b: Array, held: NDArray[np.bool_], ridge: float) -> float:
+    """Share of the variance of held draws that is left by coefficients that the others gave."""
+    rest = b[held] - A[held] @ _solved(A[~held], b[~held], ridge)
+    return float(np.var(rest) / max(float(np.var(b[held])), 1e-300))

@@ -26,6 +26,7 @@ from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive
 from ..models.model import Model
+from ..models.path import ON_ROW
 from ..noise.blocks import Blocks, BlockSettings, _whiten, block_means, log_blocks
 from ..noise.kinks import find_kinks
 from ..noise.stated import NoiseTerms
@@ -92,21 +93,25 @@ def make_block_record(
         position = r.columns["position_m"]
         blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked, kinks=find_kinks(position))
         imposed = imposed_position(r)
+        lines_of = imposed_pieces(r)
         centre = block_means(imposed, blocks)
         start = _first_finite(position)
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
-        h = np.maximum(np.diff(times), 1e-9)
         values = np.concatenate([[imposed[start]], centre])
-        place = np.arange(blocks.n)
+        row = np.arange(1, blocks.n + 1)
+        if lines_of is not None:
+            times, values, row = _with_corners(times, values, row, blocks, lines_of.straight.corners)
+        h = np.maximum(np.diff(times), 1e-9)
+        place = row - 1
         share = np.ones(blocks.n)
         contact = sign_of(kept(prepared.y, prepared.observed))
     means = block_means(y, blocks, masked)
     nuisance = prepared.nuisance()
     columns = np.stack([block_means(copied(nuisance[:, k]), blocks, masked) for k in range(nuisance.shape[1])])
     precision = 1.0 / nuisance_sd(prepared, terms) ** 2
-    if input_variance > 0.0 and (pieces_of := imposed_pieces(r)) is not None:
-        lines, alone = pieces_of.straight.errors(blocks.time_s)
-        force = pieces_of.scatter_m * stiffness(prepared, blocks, centre, means, imposed[start]).here
+    if input_variance > 0.0 and not r.is_voltage and lines_of is not None:
+        lines, alone = lines_of.straight.errors(blocks.time_s)
+        force = lines_of.scatter_m * stiffness(prepared, blocks, centre, means, imposed[start]).here
         columns = np.concatenate([columns, force * lines])
         precision = np.append(precision, np.ones(len(lines)))
         input_variance *= float(blocks.count[alone].sum() / blocks.count.sum())
@@ -124,6 +129,25 @@ def make_block_record(
         contact,
         input_variance,
     )
+
+
+def _with_corners(
+    times: NDArray, values: NDArray, row: NDArray[np.int64], blocks: Blocks, corners: NDArray[np.float64]
+) -> tuple[NDArray, NDArray, NDArray[np.int64]]:
+    """Knots (K + 1,) of a position with its corners between two rows that are blocks of their own, and blocks' knots.
+
+    A damper's force jumps there: by the mean speed of the step across it would do so a part of a row early or late.
+    """
+    time, level = corners
+    after = np.searchsorted(times, time)
+    single = np.concatenate([[False], blocks.stop - blocks.start == 1, [False]])
+    inside = (after > 1) & (after < times.size)
+    inside &= single[np.minimum(after, times.size)] & single[np.maximum(after - 1, 0)]
+    at, time, level = after[inside], time[inside], level[inside]
+    gap = times[at] - times[at - 1]
+    apart = (time - times[at - 1] > ON_ROW * gap) & (times[at] - time > ON_ROW * gap)
+    at, time, level = at[apart], time[apart], level[apart]
+    return np.insert(times, at, time), np.insert(values, at, level), row + np.searchsorted(at, row, side="right")
 
 
 def _first_finite(values: NDArray[np.float64]) -> int:
@@ -280,7 +304,7 @@ class BlockGroup:
             first, last = jump[:, record.place], end[:, record.place]
             return (first + (last - first) * record.share) * stroke_factor(actuator)
         assert zero is not None
-        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, 1:]
+        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, 1 + record.place]
 
     def evaluate(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations_with_replacement
@@ -71,6 +72,13 @@ def power_of(name: str) -> float:
     if not name.startswith("log "):
         return 0.0
     return -1.0 if name.startswith(("log T_", "log tau_", "log Tp_")) else 1.0
+
+
+def mode_pairs(names: Sequence[str]) -> tuple[tuple[int, int, int], ...]:
+    """The slowest mode's rate and the next one's compliance and time among coordinates, see `fit.shear.shared`."""
+    wanted = ("log c_1/T_1", "log c_2", "log T_2")
+    places = {name: i for i, name in enumerate(names)}
+    return ((places[wanted[0]], places[wanted[1]], places[wanted[2]]),) if all(w in places for w in wanted) else ()
 
 
 def polynomial_around(x: Array, order: int, powers: Array, widest: float = 1.5) -> Polynomial:

@@ -19,7 +19,7 @@ from ..noise.blocks import Blocks
 _LONG = 16
 _PLACES = np.linspace(0.0, 1.0, 17)
 #: part of a step from a row within which a corner is that row
-_ON_ROW = 1e-3
+ON_ROW = 1e-3
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def make_path(
     t, x, row = time_s[rows], position_m[rows], rows.astype(np.float64)
     if corners is not None:
         share = (corners[0] - time_s[after - 1]) / (time_s[after] - time_s[after - 1])
-        inside = (share > _ON_ROW) & (share < 1.0 - _ON_ROW)
+        inside = (share > ON_ROW) & (share < 1.0 - ON_ROW)
         at = np.searchsorted(t, corners[0][inside])
         t, x = np.insert(t, at, corners[0][inside]), np.insert(x, at, corners[1][inside])
         row = np.insert(row, at, (after - 1 + share)[inside])

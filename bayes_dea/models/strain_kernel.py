@@ -275,8 +275,12 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
             branch_tables(left, n, k, rate, table)
         s = _strain_step(law_id, p, network, n, k, rate, d0, left, start, end, q, new, table, work)
         if met and network == GKM:
-            # over the interval in which plate and material meet the damper feels the material's mean rate
-            s += d0 * ((end - material) / h[b] - (end - start) / left)
+            # over the interval in which plate and material meet the damper feels the material's mean rate, since the
+            # plates were where it ends at rest: of those that come from afar it feels the speed
+            since = h[b]
+            if contact * e[b] < 0.0:
+                since *= e[b + 1] / (e[b + 1] - e[b])
+            s += d0 * ((end - material) / since - (end - start) / left)
         if contact * s < 0.0:
             # contact is lost within the step, where the straight line between the end stresses is zero
             before, _ = law_stress_tangent(law_id, p, start if network != GKV else start - np.sum(q))

@@ -8,6 +8,7 @@ from bayes_dea.fit.adapt import AdaptSettings, adapt
 from bayes_dea.fit.ensemble import EnsembleSettings, sample
 from bayes_dea.fit.metric_move import MetricMove
 from bayes_dea.fit.mixture import Mixture, joined
+from bayes_dea.fit.subspace_move import SubspaceMove
 
 #: two branches at a right angle, one of them thin
 BRANCHES = Mixture(
@@ -71,6 +72,37 @@ def test_steps_of_a_metric_leave_their_target(with_ratio):
     p = min(ks_2samp(x[:, i], fresh[:, i]).pvalue for i in range(2))
     assert accepted > 0.3
     assert (p > 0.01) == with_ratio
+
+
+@pytest.mark.parametrize("true", [True, False])
+def test_steps_in_some_coordinates_leave_their_target(true):
+    """3,000 exact draws in three dimensions stay exact draws; a target a fifth wider is seen (power)."""
+    import emcee
+
+    generator = np.random.default_rng(5)
+    root = np.array([[1.0, 0.0, 0.0], [1.8, 0.5, 0.0], [-0.4, 0.3, 2.0]])
+    start, fresh = (generator.standard_normal((3000, 3)) @ root.T for _ in range(2))
+    width = 1.0 if true else 1.2
+
+    def log_prob(x):
+        return -0.5 * np.sum(np.linalg.solve(width * root, x.T) ** 2, axis=0)
+
+    sampler = emcee.EnsembleSampler(3000, 3, log_prob, moves=SubspaceMove(), vectorize=True)
+    state = emcee.State(start, random_state=np.random.RandomState(6).get_state())
+    x = sampler.run_mcmc(state, 60, store=False).coords
+    assert np.mean(np.any(x != start, axis=1)) == 1.0
+    p = min(ks_2samp(x[:, i], fresh[:, i]).pvalue for i in range(3))
+    assert (p > 0.01) == true
+
+
+def test_a_step_changes_as_many_coordinates_as_it_says():
+    s, c = np.zeros((400, 6)), [np.random.default_rng(7).standard_normal((200, 6))]
+    new, ratio = SubspaceMove().get_proposal(s, c, np.random.RandomState(8))
+    sizes, counts = np.unique(np.count_nonzero(new, axis=1), return_counts=True)
+    assert list(sizes) == [1, 2, 4]
+    assert counts[0] == pytest.approx(200, abs=50)
+    assert not ratio.any()
+    assert np.count_nonzero(SubspaceMove().get_proposal(s[:, :1], [c[0][:, :1]], np.random.RandomState(9))[0]) == 400
 
 
 def test_a_metric_that_is_singular_or_not_finite_still_moves():

@@ -197,6 +197,17 @@ def test_wrong_weights_are_told():
     assert not smoothed_weights(np.where(rng.random(1000) < 0.9, -np.inf, 0.0)).usable
 
 
+def test_weights_that_are_all_about_one_are_used_whatever_the_shape_of_their_tail():
+    """Ratios of hundredths of a nat have a tail, too; one that is e times the mean is no such thing."""
+    tail = np.clip(0.002 * np.random.default_rng(9).standard_cauchy(1000), -0.5, 0.5)
+    even = smoothed_weights(tail)
+    assert even.pareto_k > 0.7
+    assert even.usable
+    far = smoothed_weights(tail + np.where(np.arange(1000) < 3, 1.5, 0.0))
+    assert far.pareto_k > 0.7
+    assert not far.usable
+
+
 def test_systematic_resampling_is_never_off_by_one():
     w = np.array([0.1, 0.25, 0.65])
     count = np.bincount(systematic(w, 1000, np.random.default_rng(0)), minlength=3)
