@@ -21,8 +21,7 @@ from .find_map import MapResult, laplace_covariance
 from .fit.adapt import adapt, learned
 from .fit.ensemble import EnsembleResult, Progress, sample
 from .fit.evidence import bridge_log_evidence
-from .fit.pilot import straightened
-from .fit.shear import Shear, fit_shear
+from .fit.pilot import Pilot, run_pilot, straightened
 from .likelihood.linear_group import LinearGroup
 from .likelihood.metric import metric_at
 from .likelihood.polynomial import mode_pairs, power_of
@@ -157,16 +156,15 @@ def _sampled(
             if last or result.converged or result.steps < _LEARNING_STEPS[k]:
                 break
             # a branch or a bend that the short runs had not found: what this run has seen of it goes into the
-            # coordinates, unless a metric knows them, and into the proposal
-            where = result.unthinned[0]
-            if metric is None:
-                shear = _straightening(shown, back(where.reshape(-1, where.shape[-1])))
-                log_prob = posterior.log_prob if emulation is None else emulation.emulated.log_prob
-                into: Callable[[NDArray], NDArray] = partial(_from_to, back, shear.forward)
-                density, back = partial(straightened, log_prob, shear, 1.0), shear.inverse
-            else:
-                into = _same
-            start, proposal = into(where[:, -1]), learned(result, r_learn, s.adapt, into)
+            # proposal and, where no metric knows the valleys, into the coordinates
+            if metric is not None:
+                start, proposal = result.unthinned[0][:, -1].copy(), learned(result, r_learn, s.adapt) or proposal
+                continue
+            say("learning a proposal", 0, 1, "short runs in straightened coordinates")
+            log_prob = posterior.log_prob if emulation is None else emulation.emulated.log_prob
+            pilot = _pilot(log_prob, back(result.flat()), shown.names, s.ensembles, r_learn)
+            density, back = partial(straightened, log_prob, pilot.shear, 1.0), pilot.shear.inverse
+            start, proposal = pilot.start(log_prob), pilot.proposal
     lap("sample")
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()
@@ -184,17 +182,17 @@ def _sampled(
 
 
 def _same(x: NDArray) -> NDArray:
-    return x.copy()
+    return x
 
 
-def _from_to(back: Callable[[NDArray], NDArray], forward: Callable[[NDArray], NDArray], x: NDArray) -> NDArray:
-    return forward(back(x))
-
-
-def _straightening(posterior: Posterior, draws: NDArray) -> Shear:
-    """Coordinates in which draws (n, d) of a posterior lie straight."""
+def _pilot(
+    log_prob: Callable[[NDArray], NDArray], draws: NDArray, names: Sequence[str], ensembles: int,
+    rng: np.random.Generator,
+) -> Pilot:
+    """Short runs from draws (n, d) in coordinates in which they lie straight."""
     some = draws[np.linspace(0, len(draws) - 1, min(len(draws), _STRAIGHTENED)).astype(int)]
-    return fit_shear(some, np.array([power_of(n) for n in posterior.names]), mode_pairs(posterior.names))
+    powers = np.array([power_of(n) for n in names])
+    return run_pilot(log_prob, some, powers, rng, None, ensembles, mode_pairs(names))
 
 
 def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:

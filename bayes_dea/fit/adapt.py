@@ -80,18 +80,11 @@ def adapt(
     return Adapted(walkers, proposal, i + 1)
 
 
-def learned(
-    run: EnsembleResult, rng: np.random.Generator, settings: AdaptSettings | None = None,
-    to: Callable[[Array], Array] | None = None,
-) -> Mixture | None:
-    """Proposal fitted to all draws of a run; None where they are too few or all in one place.
-
-    to: (n, d) -> (n, d), coordinates for which it shall be, with a Jacobian of one.
-    """
+def learned(run: EnsembleResult, rng: np.random.Generator, settings: AdaptSettings | None = None) -> Mixture | None:
+    """Proposal fitted to all draws of a run; None where they are too few or all in one place."""
     chains, log_prob = run.unthinned
-    draws = chains.reshape(-1, chains.shape[-1])
     with contextlib.suppress(InputError):
-        return _fitted(draws if to is None else to(draws), log_prob.ravel(), rng, settings or AdaptSettings())
+        return _fitted(chains.reshape(-1, chains.shape[-1]), log_prob.ravel(), rng, settings or AdaptSettings())
     return None
 
 
