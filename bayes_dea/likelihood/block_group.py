@@ -50,7 +50,7 @@ class BlockRecord:
     nuisance: NDArray[np.float64]  # (m, nb)
     precision: NDArray[np.float64]  # (m,)
     rate: int
-    h: NDArray[np.float64]  # (I,) s
+    h: NDArray[np.float64]  # (I,) s, between knots that are blocks' or corners of a position
     drive: NDArray[np.float64]  # (I,) stress in Pa, or (I + 1,) position in m
     place: NDArray[np.int64]  # (nb,) interval of each block
     share: NDArray[np.float64]  # (nb,) weight of the interval's end in the block's mean
