@@ -125,3 +125,17 @@ def test_a_damper_is_found_whose_work_a_mode_did_while_a_further_one_did_that_mo
     assert pair.log_evidence > weighed["series_resistance+extra_relaxation_mode"].log_evidence + 20.0
     assert set(result.summary["indistinguishable"]) == {
         "series_resistance+parallel_damper", "series_resistance+sensor_lag"}  # fmt: skip
+
+
+@pytest.mark.long
+def test_what_stands_beside_a_shift_is_not_the_only_one_that_may():
+    """1565923: a damper of 0.7 kPa s, read 0.75 ms late, which a lag of the sensor does as well.
+
+    Where the shift was fitted alone the base had lost a mode to it; a lag beside it found that mode back and was
+    claimed (0.96), as nothing else had been tried beside the shift from there.
+    """
+    case = draw_case(1565923)
+    assert set(case.effects) == {"parallel_damper"}
+    s = diagnose(campaign_of(case), case.model, seed=1).summary
+    assert set(s["indistinguishable"]) == {"sensor_lag", "parallel_damper"}
+    assert s["confidence"] < 0.8

@@ -13,7 +13,7 @@ from ..where.size import effect_size
 from .beside import CONTAINS, beside, beside_these, names_beside, puts_back, together, top_of
 from .frame import Frame, own_index
 from .grid import Screened
-from .hypotheses import extended
+from .hypotheses import DELAY, extended
 from .pairs import NEXT, PART
 from .promising import MASS, of_laws, stripped
 from .quest import Quest
@@ -68,8 +68,10 @@ def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
         if not idle:
             out += beside_the_second(w, second, quest)
         leaves_most = excess(first.fit, prior) > NEXT * excess(base, prior)
-        if leaves_most and quest.adequate is not None and not quest.adequate(top_of(out[2:], w).fit):
-            # what led alone may be neither of the two
+        neither = leaves_most and quest.adequate is not None and not quest.adequate(top_of(out[2:], w).fit)
+        # what led alone may be neither of the two; and a shift does part of a mode's work, so that the base had another
+        # one where others were tried beside the shift: what was found had it back first, as others may from here
+        if neither or first.effects == (DELAY,):
             out += beside_the_second(w, first, quest)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
