@@ -22,7 +22,7 @@ from .likelihood.block_group import BlockGroup
 from .likelihood.emulated_group import Design, base_of, emulate_group, projected_gram
 from .likelihood.linear_group import LinearGroup
 from .likelihood.plant_group import PlantGroup
-from .likelihood.polynomial import mode_pairs, monomials, power_of
+from .likelihood.polynomial import mode_pairs, monomials, powers_of
 from .likelihood.posterior import Posterior
 from .likelihood.remembering import remembering
 
@@ -79,7 +79,7 @@ def emulate(
     say = report or (lambda *_: None)
     exact = remembering(posterior)
     design_rng, pilot_rng = rng.spawn(2)
-    powers, pairs = np.array([power_of(name) for name in exact.names]), mode_pairs(exact.names)
+    powers, pairs = powers_of(exact.names), mode_pairs(exact.names)
     draws = _normal_draws(exact, found, design_rng)
     wide = draws.mean(axis=0) + 1.4 * (draws - draws.mean(axis=0))
     points, values = np.empty((0, exact.dimension)), np.empty(0)

@@ -80,7 +80,7 @@ def simulate(
         )
     if recording.is_mechanical:
         imposed = imposed_pieces(recording)
-        position = _position(recording, imposed)
+        position = position_of(recording, imposed)
         zero = float(position[0]) if zero_m is None else zero_m
         if model.spec.network == "gkm" and imposed is not None:
             # a damper's force jumps at the corners, which lie between rows
@@ -132,7 +132,7 @@ def _with_effects(
         materials_of(model, {})  # says that a black box knows no force
     require(recording.actuator, ("stack_height_m", "total_area_m2"), f"{recording.name} (a mechanical recording)")
     imposed = imposed_pieces(recording)
-    position = _position(recording, imposed)
+    position = position_of(recording, imposed)
     path = _every_row(recording, position, imposed)
     zero = float(position[0]) if zero_m is None else zero_m
     return path.of_rows(simulate_path(plant, path, zero, contact_of(recording)))
@@ -212,10 +212,11 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
     would turn round with every reading. Where there is any, straight pieces (`noise.straight`) replace the samples, as
     in the fit; a noise-free column stays as it is.
     """
-    return _position(recording, imposed_pieces(recording))
+    return position_of(recording, imposed_pieces(recording))
 
 
-def _position(recording: Recording, imposed: Imposed | None) -> NDArray[np.float64]:
+def position_of(recording: Recording, imposed: Imposed | None) -> NDArray[np.float64]:
+    """The same where its pieces are known already."""
     if imposed is None:
         return filled_input(recording.columns["position_m"])
     return computed(imposed.straight.at, recording.time_s)
@@ -224,7 +225,7 @@ def _position(recording: Recording, imposed: Imposed | None) -> NDArray[np.float
 def imposed_path(recording: Recording, averaged: Blocks) -> Path:
     """The same at the rows that it takes to know the force in the means of blocks."""
     imposed = imposed_pieces(recording)
-    position = _position(recording, imposed)
+    position = position_of(recording, imposed)
     if imposed is None:
         return make_path(recording.time_s, position, np.ones(position.size, dtype=bool))
     force = np.abs(filled_input(recording.columns["force_N"]))

@@ -21,10 +21,10 @@ from .find_map import MapResult, laplace_covariance
 from .fit.adapt import adapt, learned
 from .fit.ensemble import EnsembleResult, Progress, sample
 from .fit.evidence import bridge_log_evidence
-from .fit.pilot import Pilot, run_pilot, straightened
+from .fit.pilot import Pilot, PilotSettings, run_pilot, straightened
 from .likelihood.linear_group import LinearGroup
 from .likelihood.metric import metric_at
-from .likelihood.polynomial import mode_pairs, power_of
+from .likelihood.polynomial import mode_pairs, powers_of
 from .likelihood.posterior import Posterior
 from .quantities import to_converge
 from .run_state import further
@@ -32,8 +32,8 @@ from .settings import CalibrationSettings
 
 #: steps after which a run that has not converged is stopped, to begin again with a proposal that knows its draws
 _LEARNING_STEPS = (2000, 4000)
-#: draws that coordinates are straightened by
-_STRAIGHTENED = 10_000
+#: draws that coordinates are straightened by, and the short runs in them: of 300 steps each they do not find the tails
+_STRAIGHTENED, _PILOT = 10_000, PilotSettings(steps=600)
 #: called with (phase, done, of, text)
 Report = Callable[[str, float, float, str], None]
 
@@ -91,7 +91,7 @@ def _sampled(
         emulation = emulate(
             posterior, found, emulate_with, r_start, ensembles=s.ensembles, report=lambda *at: say("emulating", *at)
         )
-        start, proposal, metric = emulation.start, emulation.proposal, None
+        start, proposal, metric, straight = emulation.start, emulation.proposal, None, True
         density, back = emulation.log_prob, emulation.shear.inverse
         shown = emulation.exact
         lap("emulate")
@@ -102,7 +102,7 @@ def _sampled(
         adapted = adapt(
             posterior.log_prob, first, r_start, s.adapt, metric, lambda *at: say("learning a proposal", *at)
         )
-        start, proposal = adapted.walkers, adapted.proposal
+        start, proposal, straight = adapted.walkers, adapted.proposal, False
         density, back = posterior.log_prob, _same
         shown = posterior
         lap("adapt")
@@ -137,6 +137,7 @@ def _sampled(
                 resume_from=resume_from,
                 proposal=proposal,
                 metric=metric,
+                straight=straight,
             )
 
         if path is not None and path.exists():
@@ -164,7 +165,7 @@ def _sampled(
             log_prob = posterior.log_prob if emulation is None else emulation.emulated.log_prob
             pilot = _pilot(log_prob, back(result.flat()), shown.names, s.ensembles, r_learn)
             density, back = partial(straightened, log_prob, pilot.shear, 1.0), pilot.shear.inverse
-            start, proposal = pilot.start(log_prob), pilot.proposal
+            start, proposal, straight = pilot.start(log_prob), pilot.proposal, True
     lap("sample")
     say("evidence", 0, 1, "bridge sampling")
     notes: tuple[str, ...] = ()
@@ -191,8 +192,7 @@ def _pilot(
 ) -> Pilot:
     """Short runs from draws (n, d) in coordinates in which they lie straight."""
     some = draws[np.linspace(0, len(draws) - 1, min(len(draws), _STRAIGHTENED)).astype(int)]
-    powers = np.array([power_of(n) for n in names])
-    return run_pilot(log_prob, some, powers, rng, None, ensembles, mode_pairs(names))
+    return run_pilot(log_prob, some, powers_of(names), rng, _PILOT, ensembles, mode_pairs(names))
 
 
 def first_walkers(found: MapResult, posterior: Posterior, s: CalibrationSettings, rng: np.random.Generator) -> NDArray:

@@ -136,6 +136,7 @@ def sample(
     resume_from: Path | None = None,
     proposal: Mixture | None = None,
     metric: Callable[[Array], Array] | None = None,
+    straight: bool = False,
 ) -> EnsembleResult:
     """Sample a density with two or more ensembles until the stopping rule is met or a limit is reached.
 
@@ -148,6 +149,7 @@ def sample(
     if it had never stopped, provided density, start, proposal and settings other than limits are the same.
     proposal: near the density; many of the moves then are draws of it, accepted by Metropolis-Hastings.
     metric: (n, d) -> (n, d, d), positive definite, how sharply the density bends; some moves then are steps that fit.
+    straight: whether the coordinates know little of each other; some moves then change a few of them.
     Raises InputError for a wrong start (shape, walkers outside the support or in a subspace) and for
     a checkpoint that belongs to another run. Warns NotConvergedWarning when a limit ended the run.
     """
@@ -168,7 +170,7 @@ def sample(
             raise InputError("sampler: rng is needed to start; pass numpy.random.default_rng(seed)")
         store = _Store.new(start, _initial(density, start), rng)
     checks = _check_steps(s)
-    samplers = [_emcee(density, w, d, s, proposal, metric) for _ in range(e)]
+    samplers = [_emcee(density, w, d, s, proposal, metric, straight) for _ in range(e)]
     began = last_saved = time.monotonic()
     verdict = _Verdict.nothing(d, e)
     reason = ""
@@ -288,6 +290,7 @@ def _emcee(
     s: EnsembleSettings,
     proposal: Mixture | None,
     metric: Callable[[Array], Array] | None,
+    straight: bool,
 ) -> Any:
     import emcee
 
@@ -316,7 +319,8 @@ def _emcee(
         # where the tails are thinner than the bulk, only steps much shorter than the bulk's lead out of them
         short = 0.2 * 2.38 / np.sqrt(2.0 * d)
         moves.append((emcee.moves.DEMove(sigma=s.de_sigma, gamma0=short), 0.7 * total))
-        moves.append((SubspaceMove(), 1.5 * total))
+        if straight:
+            moves.append((SubspaceMove(), 1.5 * total))
     sampler = emcee.EnsembleSampler(w, d, density, moves=[m for m in moves if m[1] > 0.0], vectorize=True)
     # emcee's wrapper prints the points and a traceback for whatever passes through, also for a Ctrl-C
     sampler.log_prob_fn = density

@@ -99,7 +99,7 @@ def run_pilot(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             density = partial(straightened, log_prob, shear, temperature)
-            run = sample(density, shear.forward(start), quick, rng, proposal=proposal)
+            run = sample(density, shear.forward(start), quick, rng, proposal=proposal, straight=True)
         start = shear.inverse(run.chains[:, -1])
         late = shear.inverse(run.chains[:, run.chains.shape[1] // 3 :]).reshape(-1, d)
         kept[temperature] = late[np.linspace(0, len(late) - 1, min(s.draws, len(late))).astype(int)]

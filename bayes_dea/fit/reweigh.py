@@ -36,7 +36,7 @@ class Weights:
         if self.pareto_k < LARGEST_K:
             return True
         good = np.isfinite(self.log_ratio)
-        if good.mean() < _MOST or not np.isfinite(self.sd):
+        if good.mean() <= _MOST or not np.isfinite(self.sd):
             return False
         return bool(np.max(self.log_ratio[good]) - self.log_mean < np.log(_EVEN))
 

@@ -172,25 +172,38 @@ def _bend(A: Array, b: Array, odd: NDArray[np.bool_], second: int) -> Array:
 
     Of the order and the ridge with which either half of the draws foretells the other best.
     """
+    halves = _Moments.of(A[odd], b[odd]), _Moments.of(A[~odd], b[~odd])
     size, ridge, least = 0, 0.0, _WORTH
     for s in sorted({second, A.shape[1]}):
         for r in _RIDGES:
-            left = max(_left(A[:, :s], b, half, r) for half in (odd, ~odd))
+            left = max(held.left_by(other.solved(s, r)) for held, other in (halves, halves[::-1]))
             if left < least:
                 size, ridge, least = s, r, left
     out = np.zeros(A.shape[1])
     if size:
-        out[:size] = _solved(A[:, :size], b, ridge)
+        out[:size] = _Moments.of(A, b).solved(size, ridge)
     return out
 
 
-def _solved(A: Array, b: Array, ridge: float) -> Array:
-    A = A - A.mean(axis=0)
-    H = A.T @ A + ridge * len(b) * np.diag(A.var(axis=0) + 1e-12)
-    return np.asarray(np.linalg.solve(H, A.T @ (b - b.mean())))
+@dataclass(frozen=True)
+class _Moments:
+    """Covariances of monomials AA (m, m), with a coordinate Ab (m,), and its variance bb."""
 
+    AA: Array
+    Ab: Array
+    bb: float
 
-def _left(A: Array, b: Array, held: NDArray[np.bool_], ridge: float) -> float:
-    """Share of the variance of held draws that is left by coefficients that the others gave."""
-    rest = b[held] - A[held] @ _solved(A[~held], b[~held], ridge)
-    return float(np.var(rest) / max(float(np.var(b[held])), 1e-300))
+    @staticmethod
+    def of(A: Array, b: Array) -> _Moments:
+        A, b = A - A.mean(axis=0), b - b.mean()
+        return _Moments(A.T @ A / len(b), A.T @ b / len(b), max(float(b @ b / len(b)), 1e-300))
+
+    def solved(self, size: int, ridge: float) -> Array:
+        """Coefficients (size,) of the first monomials."""
+        AA = self.AA[:size, :size]
+        return np.asarray(np.linalg.solve(AA + ridge * np.diag(np.diag(AA) + 1e-12), self.Ab[:size]))
+
+    def left_by(self, c: Array) -> float:
+        """Share of the variance that coefficients (size,) leave."""
+        size = len(c)
+        return float((self.bb - 2.0 * c @ self.Ab[:size] + c @ self.AA[:size, :size] @ c) / self.bb)

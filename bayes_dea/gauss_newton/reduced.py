@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..assemble import Assembled
-from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, imposed_position, memory
+from ..forward import POSITION_BLOCKS, contact_of, imposed_path, imposed_pieces, memory, position_of
 from ..latest import Latest
 from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, enough_for, fewer, is_fine, read_at
@@ -293,9 +293,9 @@ def _touching(p: Prepared) -> NDArray[np.bool_]:
 def _mechanical_piece(
     p: Prepared, group: int, rate: int, sd: Array, zero: int, accuracy_m: float | None = None
 ) -> Piece:
-    position = imposed_position(p.recording)
     raw = filled_input(p.recording.columns["position_m"])
     imposed = imposed_pieces(p.recording)
+    position = position_of(p.recording, imposed)
     if imposed is not None:
         # the force of a damper jumps where the plates stop
         at_corners = imposed.straight.at_corners(p.recording.time_s)

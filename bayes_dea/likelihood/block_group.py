@@ -21,7 +21,7 @@ from ..campaign.schema import Recording
 from ..campaign.scratch import BLOCK, computed, copied, joined, kept, pieces
 from ..compiled import njit
 from ..errors import InputError
-from ..forward import POSITION_BLOCKS, imposed_pieces, imposed_position, memory, past_intervals, row_durations, sign_of
+from ..forward import POSITION_BLOCKS, imposed_pieces, memory, past_intervals, position_of, row_durations, sign_of
 from ..models.chain import Material, forces, materials, strains
 from ..models.electrostatics import stroke_factor, voltage_drive
 from ..models.lags import Drive
@@ -59,6 +59,11 @@ class BlockRecord:
     within: NDArray[np.float64] | None = None  # sums of the reference residual, see `_within_sums`
 
     @property
+    def knots(self) -> NDArray[np.int64]:
+        """Knot (nb,) of a position at which each block is."""
+        return 1 + self.place
+
+    @property
     def is_voltage(self) -> bool:
         """Whether a stress drives it (else a position)."""
         return self.prepared.recording.is_voltage
@@ -92,17 +97,16 @@ def make_block_record(
     else:
         position = r.columns["position_m"]
         blocks = log_blocks(t, position, POSITION_BLOCKS, y=y, mask=masked, kinks=find_kinks(position))
-        imposed = imposed_position(r)
         lines_of = imposed_pieces(r)
+        imposed = position_of(r, lines_of)
         centre = block_means(imposed, blocks)
         start = _first_finite(position)
         times = np.concatenate([[min(t[start], blocks.time_s[0] - 1e-9)], blocks.time_s])
         values = np.concatenate([[imposed[start]], centre])
-        row = np.arange(1, blocks.n + 1)
+        place = np.arange(blocks.n)
         if lines_of is not None:
-            times, values, row = _with_corners(times, values, row, blocks, lines_of.straight.corners)
+            times, values, place = _with_corners(times, values, blocks, lines_of.straight.corners)
         h = np.maximum(np.diff(times), 1e-9)
-        place = row - 1
         share = np.ones(blocks.n)
         contact = sign_of(kept(prepared.y, prepared.observed))
     means = block_means(y, blocks, masked)
@@ -132,22 +136,25 @@ def make_block_record(
 
 
 def _with_corners(
-    times: NDArray, values: NDArray, row: NDArray[np.int64], blocks: Blocks, corners: NDArray[np.float64]
+    times: NDArray, values: NDArray, blocks: Blocks, corners: NDArray[np.float64]
 ) -> tuple[NDArray, NDArray, NDArray[np.int64]]:
-    """Knots (K + 1,) of a position with its corners between two rows that are blocks of their own, and blocks' knots.
+    """Knots (K + 1,) of a position with its corners between two rows that are blocks of their own, and the interval
+    that ends at each block.
 
     A damper's force jumps there: by the mean speed of the step across it would do so a part of a row early or late.
     """
     time, level = corners
     after = np.searchsorted(times, time)
+    # of each knot; the first is no block, and none comes after the last
     single = np.concatenate([[False], blocks.stop - blocks.start == 1, [False]])
-    inside = (after > 1) & (after < times.size)
-    inside &= single[np.minimum(after, times.size)] & single[np.maximum(after - 1, 0)]
+    inside = single[after] & single[np.maximum(after - 1, 0)]
     at, time, level = after[inside], time[inside], level[inside]
     gap = times[at] - times[at - 1]
     apart = (time - times[at - 1] > ON_ROW * gap) & (times[at] - time > ON_ROW * gap)
     at, time, level = at[apart], time[apart], level[apart]
-    return np.insert(times, at, time), np.insert(values, at, level), row + np.searchsorted(at, row, side="right")
+    knot = np.arange(1, times.size)
+    place = knot - 1 + np.searchsorted(at, knot, side="right")
+    return np.insert(times, at, time), np.insert(values, at, level), place
 
 
 def _first_finite(values: NDArray[np.float64]) -> int:
@@ -304,7 +311,7 @@ class BlockGroup:
             first, last = jump[:, record.place], end[:, record.place]
             return (first + (last - first) * record.share) * stroke_factor(actuator)
         assert zero is not None
-        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, 1 + record.place]
+        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, record.knots]
 
     def evaluate(
         self,

@@ -74,6 +74,11 @@ def power_of(name: str) -> float:
     return -1.0 if name.startswith(("log T_", "log tau_", "log Tp_")) else 1.0
 
 
+def powers_of(names: Sequence[str]) -> Array:
+    """`power_of` each of the names (d,)."""
+    return np.array([power_of(name) for name in names])
+
+
 def mode_pairs(names: Sequence[str]) -> tuple[tuple[int, int, int], ...]:
     """The slowest mode's rate and the next one's compliance and time among coordinates, see `fit.shear.shared`."""
     wanted = ("log c_1/T_1", "log c_2", "log T_2")

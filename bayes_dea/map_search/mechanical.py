@@ -87,7 +87,7 @@ class MechanicalSearch(Projection):
                     continue
                 X = forces(
                     material, record.h, record.drive, np.repeat(zeros[name], p), record.prepared.recording.actuator, 0
-                )[:, 1 + record.place].reshape(B, p, -1)
+                )[:, record.knots].reshape(B, p, -1)
                 touching = np.abs(record.y) > 0.02 * np.abs(record.y).max()
                 w = np.where(touching, self.weight * record.blocks.count, 0.0)
                 total = w.sum() + record.precision[0]

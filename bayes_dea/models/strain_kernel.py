@@ -278,7 +278,7 @@ def strain_driven_kernel(law_id: int, p: Array, network: int, k: Array, tau: Arr
             # over the interval in which plate and material meet the damper feels the material's mean rate, since the
             # plates were where it ends at rest: of those that come from afar it feels the speed
             since = h[b]
-            if contact * e[b] < 0.0:
+            if contact * e[b] < 0.0 < contact * e[b + 1]:
                 since *= e[b + 1] / (e[b + 1] - e[b])
             s += d0 * ((end - material) / since - (end - start) / left)
         if contact * s < 0.0:

@@ -94,7 +94,7 @@ def test_two_slow_modes_of_short_recordings_are_sampled_quickly():
             warnings.simplefilter("ignore")
             pilot = run_pilot(two_slow_modes, draws, np.array([1.0, 1.0, -1.0, -1.0]), rng, PilotSettings(), 2, pairs)
             run = sample(lambda y, shear=pilot.shear: straightened(two_slow_modes, shear, 1.0, y),
-                         pilot.start(two_slow_modes), settings, rng, proposal=pilot.proposal)
+                         pilot.start(two_slow_modes), settings, rng, proposal=pilot.proposal, straight=True)
         found[name] = float(np.max(run.tau)), pilot.shear.inverse(run.flat())
     assert found["shared"][0] < 40
     assert found["shared"][0] < 0.5 * found["apart"][0]
