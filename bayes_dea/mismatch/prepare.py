@@ -68,9 +68,10 @@ def prepared(
             break
         seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
     lap("reduce")
-    return Prepared(campaign, assembled, pieces, prior, seen, _resolution(campaign), limit)
+    return Prepared(campaign, assembled, pieces, prior, seen, _resolution(campaign, pieces), limit)
 
 
-def _resolution(campaign: Campaign) -> float:
-    sensor = campaign.sensors.get("displacement")
+def _resolution(campaign: Campaign, pieces: tuple[Piece, ...]) -> float:
+    """Step of the displacement sensor (m), to which `where.size` scales forces; nobody's where none is recorded."""
+    sensor = campaign.sensors.get("displacement") if any(p.channel == "displacement" for p in pieces) else None
     return sensor.resolution if sensor is not None and sensor.resolution else STEP_M

@@ -9,7 +9,7 @@ from ..assemble import Assembled
 from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
-from ..noise.mains import Mains
+from ..noise.mains import MainsLine
 from .search.hypotheses import MAINS, NONE, UNKNOWN, refused
 from .search.naming import Naming
 from .search.weigh import Weighed
@@ -75,6 +75,8 @@ def statement(
         text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
         if partial != NONE:
             part = f" The best partial explanation is {partial}; it does not mend all"
+            if naming.best.adequate:
+                part = f" It is likelier than {partial}, though that leaves nothing that a test can see"
             text += f"{part}{f': {numbers}' if numbers else ''}.{_at_its_end(naming)}"
         return text + _carries_over(fix, proof)
     told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
@@ -203,7 +205,7 @@ def silent_note(summary: dict[str, Any]) -> str:
     )
 
 
-def _mains(assembled: Assembled) -> Mains:
-    """The mains line that is known best."""
-    found = (p.mains for p in assembled.prepared if p.mains is not None)
-    return min(found, key=lambda m: m.lines[0].amplitude_se)
+def _mains(assembled: Assembled) -> MainsLine:
+    """The strongest line that a displacement shows: the verdict is about this one."""
+    seen = (p.mains for p in assembled.prepared if p.mains is not None and p.channel == "displacement")
+    return max((line for mains in seen for line in mains.lines), key=lambda line: line.amplitude)

@@ -117,10 +117,11 @@ def log_probabilities(
     for w in known.counting:
         evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
         prior_of[w.name] = known.share(w)
-    evidence[UNKNOWN] = max(
-        e.weighed.log_evidence + (min(e.discrepancy.gain, 0.0) if e.below_a_step else e.discrepancy.gain)
-        for e in explained if e.discrepancy is not None
-    )  # fmt: skip
+    beside = [e for e in explained if e.discrepancy is not None]
+    unlisted = max(beside, key=lambda e: _with_discrepancy(e) + math.log(known.share(e.weighed)))
+    evidence[UNKNOWN] = _with_discrepancy(unlisted)
+    # something unlisted beside what is listed takes both; else it would beat what is listed wherever nobody can see it
+    prior_of[UNKNOWN] = odds.unknown / odds.none * known.share(unlisted.weighed)
     error[UNKNOWN] = 0.5
 
     def weights() -> dict[str, float]:
@@ -130,6 +131,12 @@ def log_probabilities(
     further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
     evidence = with_free_places(evidence, further, noise)
     return evidence, error, weights()
+
+
+def _with_discrepancy(e: Explanation) -> float:
+    """Log evidence of an explanation with a discrepancy, to which taking what no sensor resolves is no merit."""
+    assert e.discrepancy is not None
+    return e.weighed.log_evidence + (min(e.discrepancy.gain, 0.0) if e.below_a_step else e.discrepancy.gain)
 
 
 def across_readings(naming: Naming, log_odds: float, other: Naming) -> Naming:

@@ -1,0 +1,61 @@
+"""What something unlisted weighs beside what is listed."""
+
+import math
+from dataclasses import dataclass, field
+
+import pytest
+
+from bayes_dea.mismatch.search.hypotheses import UNKNOWN, Odds
+from bayes_dea.mismatch.search.known import Known
+from bayes_dea.mismatch.search.naming import Explanation, log_probabilities
+from bayes_dea.mismatch.where.discrepancy import Discrepancy
+
+ODDS = Odds(none=0.5, single=0.38, double=0.04, unknown=0.08, shifted=0.2)
+
+
+@dataclass(frozen=True)
+class Stub:
+    effects: tuple[str, ...]
+    log_evidence: float
+    size_m: float = 1e-6
+    fit: object = field(default_factory=object)
+    refitted: bool = True
+    log_evidence_se: float = 0.1
+
+    @property
+    def name(self):
+        return "+".join(self.effects) or "none"
+
+
+@dataclass(frozen=True)
+class Calm:
+    p_value: float = 0.5
+    nothing_claimed: bool = False
+
+
+def weights(best, gain):
+    none = Stub((), 0.0, 0.0)
+    known = Known(none, 1e-7, ODDS, 19, (), {best.name: best})
+    bare = Explanation(none, Calm(p_value=1e-9), Discrepancy(20.0, 1e-6))
+    explained = [bare, Explanation(best, Calm(), Discrepancy(gain, 0.3e-6))]
+    return log_probabilities(known, bare, explained, ODDS, None)
+
+
+@pytest.mark.parametrize("lead", [50.0, 400.0])
+def test_something_that_nobody_sees_beside_an_effect_is_no_likelier_than_the_effect(lead):
+    """A discrepancy of no evidence of its own: 4 to 1 for "unknown" without the prior odds of the effect it needs."""
+    evidence, _, weight = weights(Stub(("sensor_drift",), lead), 0.0)
+    assert evidence[UNKNOWN] == lead
+    assert weight[UNKNOWN] - weight["sensor_drift"] == pytest.approx(math.log(ODDS.unknown / ODDS.none))
+
+
+def test_what_is_seen_beside_an_effect_is_unknown():
+    _, _, weight = weights(Stub(("sensor_drift",), 50.0), 30.0)
+    assert weight[UNKNOWN] - weight["sensor_drift"] == pytest.approx(30.0 + math.log(ODDS.unknown / ODDS.none))
+
+
+def test_a_mismatch_that_no_effect_explains_has_the_odds_of_what_is_unlisted():
+    """The model with a discrepancy, 20 nats, against a listed effect that takes 1 of them."""
+    evidence, _, weight = weights(Stub(("sensor_drift",), 1.0), -5.0)
+    assert evidence[UNKNOWN] == 20.0
+    assert weight[UNKNOWN] - weight["none"] == pytest.approx(20.0 + math.log(ODDS.unknown / ODDS.none))
