@@ -10,7 +10,7 @@ from ..gauss_newton.refit import Fit
 from ..models.effects import registered_effects
 from .readings.clipped import Limit, expectations, lost_m
 from .readings.mains import mains_probability
-from .search.hypotheses import MAINS, NONE, UNKNOWN, prior_odds
+from .search.hypotheses import DELAY, MAINS, NONE, UNKNOWN, prior_odds
 from .search.naming import Naming
 from .timing import as_timing
 
@@ -97,6 +97,8 @@ def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Rulin
             physics[joined] = physics[name]
             if name in delays:
                 delays[joined] = delays[name]
+                # what is mended has the shift in it, as beside any other name
+                physics[joined] = DELAY if name == NONE else physics[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
     top = max(p, key=lambda k: p[k])
     return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)
