@@ -29,7 +29,7 @@ from .outlook import Snapshot
 from .sequential import Advance, advance, begin, spread_out
 from .setup import Bench
 from .sums import Beyond, Rows
-from .target import StreamGroup, with_sums
+from .target import StreamGroup, check_start, with_sums
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,10 @@ def _wider(m: Mixture, by: float = 1.15) -> Mixture:
 
 def make_learner(model: Model, bench: Bench, seed: int = 1, settings: LearnerSettings | None = None, start: Any = None
                  ) -> Learner:
-    """The learner for a model. Raises InputError for one that cannot be followed live."""
+    """The learner for a model; start: folder of an earlier posterior. Raises InputError for a model that cannot be
+    followed live, or another one's posterior."""
+    if start is not None:
+        check_start(model, start)  # before anything is driven
     if model.is_linear:
         return Learner(model, bench, seed, settings, start)
     check_curved(model)

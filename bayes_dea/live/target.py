@@ -95,24 +95,39 @@ def start_from_prior(posterior: Posterior) -> Start:
     return Start(posterior.prior_draws, posterior.log_prior, "the prior")
 
 
-def start_from_posterior(posterior: Posterior, folder: Path) -> Start:
-    """The posterior of an earlier calibration as prior of the model's parameters; the noise begins anew.
+def check_start(model: Model, folder: Path) -> Array:
+    """Draws (n, d) of the model's coordinates that the posterior in a folder holds.
 
-    Its density is a mixture of normals fitted to the draws in the coordinates of inference. Raises InputError where the
-    folder holds no posterior of the same model.
+    Raises InputError where there is none, or it is of another structure. Two names of one function share coordinates
+    (the modes of the response), so that either can begin with the other's posterior.
     """
+    from ..comparison.same import form_of
     from ..store import load_posterior
 
     folder = folder.parent if folder.suffix == ".nc" else folder
     stored = load_posterior(folder).posterior
     names = [str(n) for n in stored["coordinate"].values]
-    own = posterior.model.coordinate_names
-    missing = [n for n in own if n not in names]
-    if missing:
-        raise InputError(f"--from {folder}: its posterior is of {stored.attrs.get('model', 'another model')} and has "
-                         f"no {missing[0]}; start from a calibration of {posterior.model.name}")
+    before = str(stored.attrs.get("model", "another model"))
+    try:
+        same = before == model.name or form_of(before) == form_of(model.name)
+    except InputError:  # a structure that this version does not know
+        same = False
+    missing = [n for n in model.coordinate_names if n not in names]
+    if missing or not same:
+        lacks = f" and has no {missing[0]}" if missing else ", another function"
+        raise InputError(f"--from {folder}: its posterior is of {before}{lacks}; start from a calibration of "
+                         f"{model.name}")
     values = np.asarray(stored["coordinates"].values, float)
-    flat = values.reshape(-1, values.shape[-1])[:, [names.index(n) for n in own]]
+    return values.reshape(-1, values.shape[-1])[:, [names.index(n) for n in model.coordinate_names]]
+
+
+def start_from_posterior(posterior: Posterior, folder: Path) -> Start:
+    """The posterior of an earlier calibration as prior of the model's parameters; the noise begins anew.
+
+    Its density is a mixture of normals fitted to the draws in the coordinates of inference. Raises InputError where the
+    folder holds no posterior of the same structure.
+    """
+    flat = check_start(posterior.model, folder)
     rng = np.random.default_rng(0)
     mixture = fit_mixture(flat, rng)
     d = posterior.model.dimension
