@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import __version__
-from ..campaign.schema import Campaign
+from ..campaign.schema import MECHANICAL_KINDS, VOLTAGE_KINDS, Campaign
 from ..errors import InputError
 from ..experiments.costs import Costs
-from ..experiments.limits import Limits, limits_of
+from ..experiments.limits import Limits, limits_of, offered_of
 from ..experiments.menu import menu
 from ..models.model import build_model
 from ..prediction.calibrated import open_calibration
@@ -108,7 +108,7 @@ def propose(
     lap("fit")
     boxes = {b.name: b.model.is_black_box for b in beliefs}
     limits = limits_of(campaign, boxes, s.max_voltage_V, s.max_frequency_Hz)
-    limits = _only_seen(limits, beliefs)
+    limits = _only_seen(limits, beliefs, campaign.name)
     question: Question
     if purpose == "parameters":
         question = OfParameters.of(beliefs[0], seed)
@@ -249,15 +249,13 @@ def same_recordings(summary: Mapping[str, Any], campaign: Campaign, where: str) 
     return []
 
 
-def _only_seen(limits: Limits, beliefs: Sequence[Belief]) -> Limits:
+def _only_seen(limits: Limits, beliefs: Sequence[Belief], where: str) -> Limits:
     """Without kinds in which a channel answers that nothing is stated of."""
-    from dataclasses import replace
-
-    if all("force" in b.noise for b in beliefs):
-        return limits
-    lost = [k for k in ("compression", "relaxation") if k in limits.offered]
-    why = tuple((k, "[sensor.force] states no fluctuation_N") for k in lost)
-    return replace(limits, offered=tuple(k for k in limits.offered if k not in lost), refused=(*limits.refused, *why))
+    refused = list(limits.refused)
+    for channel, unit, kinds in (("displacement", "m", VOLTAGE_KINDS), ("force", "N", MECHANICAL_KINDS)):
+        if not all(channel in b.noise for b in beliefs):
+            refused += [(k, f"[sensor.{channel}] states no fluctuation_{unit}") for k in kinds if k in limits.offered]
+    return replace(limits, offered=offered_of(where, refused), refused=tuple(refused))
 
 
 def _resolution(campaign: Campaign) -> float:
@@ -291,9 +289,9 @@ def _summary(
             "cost_s": float(sum(p.cost_s for p in chosen)),
         },
         "not_offered": [{"kind": k, "why": why} for k, why in limits.refused],
-        "limits": {"max_voltage_V": limits.voltage_V, "max_frequency_Hz": limits.frequency_Hz,
-                   "max_stroke_m": limits.stroke_m, "sampling_Hz": limits.voltage_rate_Hz,
-                   "sampling_plates_Hz": limits.plate_rate_Hz},
+        "limits": {"max_voltage_V": limits.voltage_V if "voltage" in limits.offered else None,
+                   "max_frequency_Hz": limits.frequency_Hz, "max_stroke_m": limits.stroke_m,
+                   "sampling_Hz": limits.voltage_rate_Hz, "sampling_plates_Hz": limits.plate_rate_Hz},
         "costs": asdict(s.costs),
         "seed": seed,
         "version": __version__,

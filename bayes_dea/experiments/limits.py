@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..campaign.schema import MECHANICAL_KINDS, OTHER_KINDS, VOLTAGE_KINDS, Actuator, Campaign, Recording
 from ..errors import InputError
+from ..models.electrostatics import VOLTAGE_GEOMETRY
 
+#: what the answer of a position between plates depends on
+_PLATE_GEOMETRY = ("stack_height_m", "total_area_m2")
 #: strain between plates where no recording went further (the reference paper's compression)
 _STRAIN = 0.2
 #: readings of a wave a period, at least
@@ -18,8 +22,8 @@ _VOLTAGE_RATE_HZ, _PLATE_RATE_HZ = 1000.0, 100.0
 
 @dataclass(frozen=True)
 class Limits:
-    """Largest voltage (V), largest frequency (Hz), largest stroke of the plates (m; None without plates), readings a
-    second of each channel (Hz). offered: kinds of recordings; refused: kind -> why it is not."""
+    """Largest voltage (V; 0 where none is known), largest frequency (Hz), largest stroke of the plates (m; None without
+    plates), readings a second of each channel (Hz). offered: kinds of recordings; refused: kind -> why it is not."""
 
     actuator: Actuator
     voltage_V: float
@@ -37,11 +41,12 @@ class Limits:
 
 
 def limits_of_actuator(actuator: Actuator, mechanical: bool) -> Limits:
-    """Limits where nothing is known but the actuator."""
-    stroke = _STRAIN * actuator.stack_height_m if mechanical and actuator.stack_height_m and actuator.total_area_m2 \
+    """Limits where nothing is known but the actuator; kinds whose answer its geometry gives."""
+    stroke = _STRAIN * (actuator.stack_height_m or 0.0) if mechanical and not _lacking(actuator, _PLATE_GEOMETRY) \
         else None
+    electric = () if _lacking(actuator, VOLTAGE_GEOMETRY) else VOLTAGE_KINDS
     return Limits(actuator, actuator.max_voltage_V or 1200.0, min(actuator.max_frequency_Hz or 100.0, 100.0), stroke,
-                  offered=(*VOLTAGE_KINDS, *(MECHANICAL_KINDS if stroke else ())))
+                  offered=(*electric, *(MECHANICAL_KINDS if stroke else ())))
 
 
 def limits_of(
@@ -51,8 +56,8 @@ def limits_of(
     """What the bench of a campaign can do and `calibrate` can use.
 
     models: name -> whether it is a black box, which knows no force. max_voltage_V, max_frequency_Hz: limits of the
-    user's own, below those of the actuator. Raises InputError where no limit of the voltage is known, or a limit is
-    above the actuator's.
+    user's own, below those of the actuator. Raises InputError where a limit is above the actuator's, or no kind of
+    recording can be offered.
     """
     first = next((r for r in campaign.recordings if r.role == "identify"), campaign.recordings[0])
     actuator = first.actuator
@@ -61,19 +66,17 @@ def limits_of(
     notes: list[str] = []
     top = actuator.max_voltage_V
     if top is None:
-        if not electric and max_voltage_V is None:
-            raise InputError(f"{campaign.name}: no limit of the voltage is known; write max_voltage_V under [actuator] "
-                             "in campaign.toml, or give --max-voltage")
         top = max((_largest(r, "voltage_V") for r in electric), default=max_voltage_V or 0.0)
-        if max_voltage_V is None:
+        if electric and max_voltage_V is None:
             notes.append(f"max_voltage_V is not stated under [actuator]: nothing above the {top:.4g} V that the "
                          "recordings reached is proposed")
     fastest = min(actuator.max_frequency_Hz or 100.0, 100.0)
     top = _own(max_voltage_V, top, "--max-voltage", "V", actuator.max_voltage_V is not None)
     fastest = _own(max_frequency_Hz, fastest, "--max-frequency", "Hz", True)
     rate = _rate(electric, _VOLTAGE_RATE_HZ)
-    refused = _refused(campaign, models)
-    offered = tuple(k for k in (*VOLTAGE_KINDS, *MECHANICAL_KINDS) if k not in dict(refused))
+    refused = (*((kind, "calibrate reads it, but no structure makes use of it yet") for kind in OTHER_KINDS),
+               *_refused_voltage(actuator, top), *_refused_plates(campaign, actuator, models))
+    offered = offered_of(campaign.name, refused)
     stroke = None
     if "compression" in offered:
         height = actuator.stack_height_m or 0.0
@@ -81,6 +84,16 @@ def limits_of(
         stroke = float(min(stroke, 0.5 * height))
     return Limits(actuator, top, min(fastest, rate / _READINGS_A_PERIOD), stroke, rate,
                   _rate(plates, _PLATE_RATE_HZ), offered, refused, tuple(notes))
+
+
+def offered_of(where: str, refused: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Kinds that are not refused. Raises InputError, with the reasons, where none is left."""
+    why = dict(refused)
+    offered = tuple(k for k in (*VOLTAGE_KINDS, *MECHANICAL_KINDS) if k not in why)
+    if not offered:
+        raise InputError(f"{where}: no experiment can be proposed. With a voltage: {why['voltage']}; between plates: "
+                         f"{why['compression']}")
+    return offered
 
 
 def _own(given: float | None, limit: float, option: str, unit: str, known: bool) -> float:
@@ -94,20 +107,34 @@ def _own(given: float | None, limit: float, option: str, unit: str, known: bool)
     return given
 
 
-def _refused(campaign: Campaign, models: dict[str, bool]) -> tuple[tuple[str, str], ...]:
-    """Kinds that are not offered, and why."""
-    out = [(kind, "calibrate reads it, but no structure makes use of it yet") for kind in OTHER_KINDS]
+def _lacking(actuator: Actuator, names: tuple[str, ...]) -> str:
+    return ", ".join(n for n in names if getattr(actuator, n) is None)
+
+
+def _refused_voltage(actuator: Actuator, top_V: float) -> list[tuple[str, str]]:
+    """Kinds with a voltage, and why they are not offered."""
+    if lacking := _lacking(actuator, VOLTAGE_GEOMETRY):
+        why = f"[actuator] lacks {lacking}"
+    elif top_V <= 0:
+        why = "no limit of the voltage is known; write max_voltage_V under [actuator] in campaign.toml, or give " \
+              "--max-voltage"
+    else:
+        return []
+    return [(kind, why) for kind in VOLTAGE_KINDS]
+
+
+def _refused_plates(campaign: Campaign, actuator: Actuator, models: dict[str, bool]) -> list[tuple[str, str]]:
+    """Kinds between plates, and why they are not offered."""
     boxes = [name for name, box in models.items() if box]
-    for kind in MECHANICAL_KINDS:
-        lacking = [k for k in ("stack_height_m", "total_area_m2")
-                   if getattr(campaign.recordings[0].actuator, k) is None]
-        if boxes:
-            out.append((kind, f"{', '.join(boxes)} is a black box and knows no force"))
-        elif "force" not in campaign.sensors or "position" not in campaign.sensors:
-            out.append((kind, "campaign.toml states no [sensor.force] and [sensor.position]"))
-        elif lacking:
-            out.append((kind, f"[actuator] lacks {', '.join(lacking)}"))
-    return tuple(out)
+    if boxes:
+        why = f"{', '.join(boxes)} is a black box and knows no force"
+    elif "force" not in campaign.sensors or "position" not in campaign.sensors:
+        why = "campaign.toml states no [sensor.force] and [sensor.position]"
+    elif lacking := _lacking(actuator, _PLATE_GEOMETRY):
+        why = f"[actuator] lacks {lacking}"
+    else:
+        return []
+    return [(kind, why) for kind in MECHANICAL_KINDS]
 
 
 def _finite(r: Recording, column: str) -> np.ndarray:

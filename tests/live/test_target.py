@@ -63,5 +63,6 @@ def test_it_is_refused_before_the_bench_is_touched(tmp_path):
     (tmp_path / "campaign.toml").write_text(TOML)
     kept(tmp_path / "first", "hooke+gm2")
     with pytest.raises(InputError, match=r"of hooke\+gm2, another function; start from a calibration of hooke\+gm1"):
-        follow_bench("loop://", tmp_path, "hooke+gm1", tmp_path / "out", settings=LiveSettings(start=tmp_path / "first"))
+        follow_bench("loop://", tmp_path, "hooke+gm1", tmp_path / "out",
+                     settings=LiveSettings(start=tmp_path / "first"))
     assert not (tmp_path / "out").exists()
