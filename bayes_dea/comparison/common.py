@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled, assemble, linearised
+from ..campaign.fingerprint import fingerprint
 from ..campaign.schema import Campaign
 from ..errors import InputError
 from ..likelihood.block_group import BlockGroup
@@ -46,6 +48,11 @@ class CommonData:
     def simulated(self, model: Model, like: Model) -> Assembled:
         """The posterior of one model, worked out as that of `like`, which has effects."""
         return swapped(self.assembled(like), model)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What kept results of these recordings are told apart by."""
+        return fingerprint(self.campaign)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ def compare(
         assembled = data.assembled(built[name])
         laps["assemble"] += time.perf_counter() - lap
         if checkpoints is not None:
-            paths[name] = checkpoint_for(checkpoints, identity(built[name], data.campaign, seed, s))
+            paths[name] = checkpoint_for(checkpoints, identity(built[name], data.fingerprint, seed, s))
             if anew:
                 paths[name].unlink(missing_ok=True)
             before = recall(paths[name], built[name], assembled)
@@ -175,15 +175,14 @@ def built_models(
     return out
 
 
-def identity(model: Model, campaign: Campaign, seed: int, s: ComparisonSettings) -> dict[str, Any]:
-    """What a kept model depends on."""
+def identity(model: Model, data: str, seed: int, s: ComparisonSettings) -> dict[str, Any]:
+    """What a kept model depends on; data: fingerprint of the recordings."""
     return {
         "verb": "compare",
         "model": model.name,
         "seed": seed,
         "priors": {p.name: repr(p.prior) for p in model.parameters},
-        "recordings": [[r.name, r.role] for r in campaign.recordings],
-        "inputs": [i["sha256"] for i in campaign.inputs],
+        "data": data,
         "settings": [repr(s.integral), repr(s.simulated)],
     }
 
@@ -312,7 +311,7 @@ def _bridge_the_near(
         path = None
         if checkpoints is not None:
             path = checkpoint_for(
-                checkpoints, {**identity(built[name], data.campaign, seed, s), "stage": "bridge"}
+                checkpoints, {**identity(built[name], data.fingerprint, seed, s), "stage": "bridge"}
             )
             if anew:
                 path.unlink(missing_ok=True)

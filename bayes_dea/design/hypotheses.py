@@ -47,7 +47,7 @@ def fitted_beliefs(
         say(i, len(models), name)
         path = None
         if checkpoints is not None:
-            path = checkpoint_for(checkpoints, identity(model, data.campaign, seed, settings))
+            path = checkpoint_for(checkpoints, identity(model, data.fingerprint, seed, settings))
             if anew:
                 path.unlink(missing_ok=True)
         assembled = data.assembled(model)
@@ -81,14 +81,13 @@ def _fit(name: str, model: Model, data: CommonData, seed: int, s: FitSettings, s
     return Done(fit, whole, (), None, {})
 
 
-def identity(model: Model, campaign: Campaign, seed: int, s: FitSettings) -> dict[str, Any]:
-    """What a kept fit depends on."""
+def identity(model: Model, data: str, seed: int, s: FitSettings) -> dict[str, Any]:
+    """What a kept fit depends on; data: fingerprint of the recordings."""
     return {
         "verb": "next",
         "model": model.name,
         "seed": seed,
         "priors": {p.name: repr(p.prior) for p in model.parameters},
-        "recordings": [[r.name, r.role] for r in campaign.recordings],
-        "inputs": [i["sha256"] for i in campaign.inputs],
+        "data": data,
         "draws": s.draws,
     }
