@@ -84,6 +84,7 @@ class Journal:
         self.sync()
         if self._file is not None:
             self._file.close()
+        _without_header(self.path(session.number))
         self._file = self._open(self.path(session.number))
         self._write(self._file, HEADER)
         self.sessions.append(session)
@@ -176,6 +177,18 @@ def set_aside(folder: Path) -> Path | None:
     return aside
 
 
+def _without_header(path: Path) -> None:
+    """Empty a file that a run killed before it stood in the campaign left: it holds a header, or a part of one.
+
+    Raises InputError where it holds more.
+    """
+    if not path.exists():
+        return
+    if not HEADER.startswith(path.read_bytes().replace(HEADER, b"")):
+        raise InputError(f"{path}: holds samples that {path.with_name('campaign.toml')} knows nothing of; move it away")
+    os.truncate(path, 0)
+
+
 def _rows(path: Path) -> NDArray[np.float64]:
     """Rows (n, 3) of a session's file, whose cut end is taken off. Raises InputError where a row cannot be read."""
     if not path.exists():
@@ -191,6 +204,9 @@ def _rows(path: Path) -> NDArray[np.float64]:
         path.write_bytes(HEADER)
         return np.empty((0, 3))
     body = content[len(HEADER) : whole]
+    while body.startswith(HEADER):  # earlier versions wrote a second one where they were killed after the first
+        body = body.removeprefix(HEADER)
+        write_bytes(path, HEADER + body)
     if not body:
         return np.empty((0, 3))
     try:

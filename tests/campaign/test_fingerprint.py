@@ -9,9 +9,10 @@ from bayes_dea.campaign import Actuator, Sensor, campaign_from_recordings, recor
 from bayes_dea.campaign.fingerprint import fingerprint
 
 ACTUATOR = Actuator(layers=399, layer_thickness_m=25e-6)
+SENSOR = Sensor(1e-6)
 
 
-def made(last=3e-6, actuator=ACTUATOR, sensor=Sensor(1e-6), **more):
+def made(last=3e-6, actuator=ACTUATOR, sensor=SENSOR, **more):
     columns = {"time_s": np.arange(12.0), "voltage_V": np.full(12, 500.0),
                "displacement_m": np.append(np.linspace(1e-6, 2e-6, 11), last)}
     r = recording_from_arrays("one", "voltage", columns, actuator=actuator, **more)

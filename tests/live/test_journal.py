@@ -69,6 +69,49 @@ def test_what_a_kill_has_cut_is_taken_off(bench, tmp_path, left):
     assert text.endswith(b"\n1.0,2.0,3.0\n")
 
 
+@pytest.mark.parametrize("left", [HEADER, HEADER[:7], HEADER + HEADER[:9], b""])
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_kill_before_the_session_stood_in_the_campaign_leaves_one_header(bench, tmp_path, left, number):
+    out = tmp_path / "out"
+    out.mkdir()
+    first = Journal(out, bench)
+    for _ in range(number - 1):
+        first.begin(False, 0.0)
+        first.append(ROWS)
+    first.close()
+    (out / f"session_{number}.csv").write_bytes(left)
+    again = Journal(out, bench)
+    assert len(again.recover()) == number - 1
+    again.begin(False, 2.0)
+    again.append(OTHERS)
+    again.close()
+    assert (out / f"session_{number}.csv").read_bytes().count(HEADER) == 1
+    assert np.array_equal(Journal(out, bench).recover()[-1][1], np.array(OTHERS))
+    assert load_campaign(out).recordings[-1].n == len(OTHERS)
+
+
+def test_samples_that_no_campaign_knows_of_are_not_written_over(bench, tmp_path):
+    path = tmp_path / "session_1.csv"
+    path.write_bytes(HEADER + b"0.001,0.0,1e-06\n")
+    with pytest.raises(InputError, match="move it away"):
+        Journal(tmp_path, bench).begin(False, 0.0)
+    assert path.read_bytes().endswith(b"1e-06\n")
+
+
+def test_a_doubled_header_of_an_earlier_version_is_read(bench, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    first = Journal(out, bench)
+    first.begin(False, 0.0)
+    first.append(ROWS)
+    first.close()
+    path = out / "session_1.csv"
+    path.write_bytes(HEADER + path.read_bytes())
+    ((_, rows),) = Journal(out, bench).recover()
+    assert np.array_equal(rows, np.array(ROWS))
+    assert load_campaign(out).recordings[0].n == len(ROWS), "for every other verb, too"
+
+
 def test_rows_are_there_before_append_returns(bench, tmp_path):
     journal = Journal(tmp_path, bench)
     journal.bench.document.pop("recording", None)
