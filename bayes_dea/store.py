@@ -93,7 +93,7 @@ def inference_data(calibration: Calibration) -> Any:
         {name: (("chain", "draw"), np.asarray(v)[None]) for name, v in calibration.prior_quantities.items()}
     )
     prior_predictive = xr.Dataset(
-        {f"{variable_name(k)}_largest": (("chain", "draw"), v[None]) for k, v in calibration.prior_predictive.items()}
+        {f"{names[k]}_largest": (("chain", "draw"), v[None]) for k, v in calibration.prior_predictive.items()}
     )
     attributes = {
         "model": calibration.model.name,

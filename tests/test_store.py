@@ -115,6 +115,31 @@ def test_variable_names_are_all_different():
     assert all(ch.isalnum() or ch == "_" for n in names.values() for ch in n)
 
 
+def test_names_that_differ_by_a_sign_alone_keep_their_numbers_apart(tmp_path):
+    """Through the file and back: blocks and prior predictions of recordings whose names are one as variables."""
+    from types import SimpleNamespace
+
+    from bayes_dea.report.data import read_result
+    from bayes_dea.store import inference_data, netcdf_bytes
+
+    sizes = {"a-b.csv": 1.0, "a_b.csv": 2.0, "a b.csv": 3.0}
+    blocks = ("time_s", "input", "count", "mean", "sd_parameters", "sd_sample", "sd_block", "observed")
+    made = [SimpleNamespace(name=n, role="identify", page=None, by_time={}, by_input={}, spectrum={},
+                            histogram=np.zeros(4), log_likelihood=np.zeros(6), draws=np.zeros((6, 5)),
+                            **dict.fromkeys(blocks, np.full(5, x))) for n, x in sizes.items()]
+    calibration = SimpleNamespace(
+        draws=np.zeros((2, 3, 1)), quantities={}, model=SimpleNamespace(name="hooke"), converged=True,
+        posterior=SimpleNamespace(names=("log D",), log_prob=lambda q: np.zeros(len(q))), predictions=made,
+        prior_quantities={}, prior_predictive={n: np.full(7, x) for n, x in sizes.items()},
+        summary={"seed": 1, "version": "0", "model": "hooke", "parameters": {}, "noise": {}, "sampler": {},
+                 "recordings": [{"recording": n, "role": "identify"} for n in sizes]})
+    (tmp_path / "posterior.nc").write_bytes(netcdf_bytes(inference_data(calibration)))
+    write_json(tmp_path / "calibration.json", calibration.summary)
+    for recording in read_result(tmp_path).recordings:
+        np.testing.assert_array_equal(recording.observed, sizes[recording.name])
+        np.testing.assert_array_equal(recording.prior_largest, np.full(7, sizes[recording.name]))
+
+
 # ---------------------------------------------------------------- whole or not at all
 
 def test_a_failing_writer_leaves_the_old_file(tmp_path):

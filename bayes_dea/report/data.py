@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..page_data import PageData
 from ..results import read_json
-from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_name, variable_names
+from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_names
 from . import symbols
 
 Array = NDArray[np.float64]
@@ -235,7 +235,7 @@ def _recordings(
             }
             for group in ("time", "input", "spectrum")
         }
-        peaks = largest.get(f"{variable_name(entry['recording'])}_largest", np.empty(0)).ravel()
+        peaks = largest.get(f"{v}_largest", np.empty(0)).ravel()
         out.append(
             RecordingData(
                 entry,
