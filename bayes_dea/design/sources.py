@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..comparison.names import expand
 from ..errors import InputError
 from ..models.model import build_model
 from ..results import read_json
@@ -43,11 +44,14 @@ def leading(pairs: Sequence[tuple[str, float | None]]) -> Named:
 
 
 def from_comparison(folder: Path, models: str | Sequence[str] | None = None) -> tuple[Named, Mapping[str, Any]]:
-    """Hypotheses of comparison.json in a folder; models: only these. Raises InputError where it is not whole."""
+    """Hypotheses of comparison.json in a folder; models: only these, written as for a comparison.
+
+    Raises InputError where it is not whole, or knows one of them not.
+    """
     summary = _read(folder, "comparison.json", "compare", "ranking")
-    wanted = models.split(",") if isinstance(models, str) else models
     pairs = [(str(e["model"]), e["probability"]) for e in summary["ranking"]]
-    if wanted is not None:
+    if models is not None:
+        wanted = expand(models)
         known = dict(pairs)
         lost = [w for w in wanted if w not in known]
         if lost:

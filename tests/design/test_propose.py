@@ -8,7 +8,7 @@ import pytest
 
 import bayes_dea as bd
 from bayes_dea.campaign import load_campaign
-from bayes_dea.design.sources import leading, of_diagnosis
+from bayes_dea.design.sources import from_comparison, leading, of_diagnosis
 from bayes_dea.design.store import terminal_summary
 from bayes_dea.errors import InputError
 from bayes_dea.experiments.costs import Costs
@@ -182,6 +182,20 @@ def test_leading_structures():
     assert leading([("a", 1.0), ("b", 0.0)]).names == ("a", "b")
     with pytest.raises(InputError, match="one structure"):
         leading([("a", 1.0)])
+
+
+@pytest.mark.parametrize("models", ["hooke+gm2, hooke+gm3", "hooke+gm2..3", "Hooke+GM2,hooke+gm3",
+                                    ["hooke+gm2", " hooke+gm3"]])
+def test_structures_of_a_comparison_are_named_as_for_a_comparison(tmp_path, models):
+    """--from or not, the list is read by the same rules; probabilities are those of the comparison."""
+    p = {"hooke+gm1": 0.9, "hooke+gm2": 0.06, "hooke+gm3": 0.04}
+    ranking = [{"model": n, "probability": v} for n, v in p.items()]
+    (tmp_path / "comparison.json").write_text(json.dumps({"ranking": ranking}))
+    named, _ = from_comparison(tmp_path, models)
+    assert named.names == ("hooke+gm2", "hooke+gm3")
+    assert named.probability == (0.06, 0.04)
+    with pytest.raises(InputError, match=r"--models hooke\+gm4: .* compared hooke\+gm1"):
+        from_comparison(tmp_path, "hooke+gm3..4")
 
 
 @pytest.mark.parametrize(("options", "said"), [
