@@ -68,11 +68,15 @@ class Belief:
 
 def of_posterior(posterior: Posterior, q: Array, campaign: Campaign, rng: np.random.Generator,
                  name: str | None = None) -> Belief:
-    """Belief of draws q (N, D) of a posterior; the first specimen's."""
+    """Belief of draws q (N, D) of a posterior; the first specimen's.
+
+    The gain of a channel that nothing was recorded of that specimen with is as uncertain as the sensor's statement.
+    """
     gains, noise = {}, {}
     conditional = conditional_gain(posterior, q)
     for channel in (c.channel for c in posterior.channels):
-        mean, sd = next(v for k, v in conditional.items() if k[0] == channel)
+        stated = next(g.gain_sd for g in posterior.groups if g.channel == channel)
+        mean, sd = conditional.get((channel, posterior.specimens[0]), (0.0, stated))
         gains[channel] = mean + sd * rng.standard_normal(len(q))
         sigma, rho = posterior.noise_part(q, channel)
         # the fastest rate is the one that new recordings are most like
