@@ -426,7 +426,8 @@ class _Run:
                             posterior_bytes(self.learner, draws, quantities, self.seed, __version__))
 
     def _summary(self, parameters: dict[str, Any], noise: dict[str, Any], complete: bool) -> dict[str, Any]:
-        lag = np.array(self.lags) if self.lags else np.array([np.nan])
+        lag = {"median": None, "p99": None, "max": None} if not self.lags else {
+            "median": float(np.median(self.lags)), "p99": float(np.quantile(self.lags, 0.99)), "max": max(self.lags)}
         learner, block = self.learner, self.learner.block * self.learner.step_s
         content = self.campaign.read_bytes()
         if not parameters and self.history.entries:  # while it runs: means and sds do
@@ -441,7 +442,7 @@ class _Run:
             "lost_samples": learner.lost,
             "bad_lines": self.journal.bad_lines,
             "masked_samples": learner.masked,
-            "lag_s": {"median": float(np.median(lag)), "p99": float(np.quantile(lag, 0.99)), "max": float(lag.max())},
+            "lag_s": lag,
             "late_until_s": self.late_until_s,
             "updates": self.history.as_json(),
             "update_count": self.history.total,
