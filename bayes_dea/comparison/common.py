@@ -105,14 +105,12 @@ def check_same_likelihood(posteriors: Sequence[Posterior]) -> None:
             )
 
 
-def restricted(posterior: Posterior, names: frozenset[str]) -> Restricted:
-    """The posterior given some of its recordings only (fitted or not), as a density."""
-    return Restricted(posterior, names)
-
-
 @dataclass(frozen=True)
 class Restricted:
-    """Log prior plus log likelihood of the recordings in `names`; all coordinates stay, those unseen at their prior."""
+    """The posterior given the recordings in `names` only (fitted or not), as a density.
+
+    Log prior plus their log likelihood; all coordinates stay, those unseen at their prior.
+    """
 
     posterior: Posterior
     names: frozenset[str]

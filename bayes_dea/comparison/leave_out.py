@@ -27,7 +27,7 @@ from ..likelihood.posterior import Posterior
 from ..likelihood.prepare import Prepared
 from .anneal import QUICK, anneal
 from .climb import climb, first_difference_covariance
-from .common import Restricted, group_log_likelihood, restricted
+from .common import Restricted, group_log_likelihood
 from .fit_one import Fitted, residual_at
 from .integrate import (
     FEW_POPULATIONS,
@@ -131,7 +131,7 @@ class _Scoring:
         if self.whole.method == "annealed" and curved:  # at several places: one maximum is not enough
             return self._curved(p, sign, rng)
         short = replace(self.settings, draws=1500, rounds=5, bad_k=_LARGEST_K, last_resort="none")
-        other = _integral(restricted(posterior, names), posterior, start, rng, short)
+        other = _integral(Restricted(posterior, names), posterior, start, rng, short)
         if curved and self.settings.last_resort != "none" and not (other.converged and other.se < _GOOD_SE):
             return self._curved(p, sign, rng)
         value = sign * (other.log_value - self.whole.log_value)
@@ -174,7 +174,7 @@ class _Scoring:
         blind = unseen(posterior, names)
         anywhere = posterior.prior_draws(len(pool), rng)
         pool[:, blind] = anywhere[:, blind]
-        density = restricted(posterior, names).log_prob
+        density = Restricted(posterior, names).log_prob
         found = None
         if self.whole.method != "annealed":  # draws at several places lie straight in no coordinates
             found = straightened(density, pool, rng, self.settings, rounds=3 if posterior.model.is_linear else 2)
@@ -255,7 +255,7 @@ def _with_zero(fit: Fitted, p: Prepared, names: frozenset[str]) -> tuple[Posteri
     extended = replace(posterior, zeros=(*posterior.zeros, prior))
     at = posterior.zero_start + len(posterior.zeros)
     start = np.insert(fit.x, at, prior.mean)
-    density = restricted(extended, names)
+    density = Restricted(extended, names)
     for width in (3.0, 0.1, 0.005):
         points = np.tile(start, (81, 1))
         points[:, at] = start[at] + width * prior.sd * np.linspace(-1, 1, 81)
