@@ -82,7 +82,7 @@ def command_for(
     rows = c.rows(DRAWS if draws is None else draws, draws is None)
     flat = Signal("command", "voltage_V", wish.time_s, np.zeros(wish.values.size))
     recording = as_recording(c, flat, name, hold)
-    if recording.hold == "linear" and _has_no_jump(c, name):
+    if recording.hold == "linear" and _has_no_jump(c):
         raise InputError(
             f"{c.structure.model.name} with hold = 'linear' cannot be inverted row by row (it would ring): take hold = "
             "'end' for the command"
@@ -145,7 +145,7 @@ def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[
     return Limits(float(top), float(actuator.max_frequency_Hz or 0.0)), notes
 
 
-def _has_no_jump(c: Calibrated, specimen: str) -> bool:
+def _has_no_jump(c: Calibrated) -> bool:
     spec = c.structure.model.spec
     return spec.network in ("gkm", "pz3", "ss3")
 
