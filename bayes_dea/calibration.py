@@ -28,7 +28,7 @@ from .models.chain import maxwell_form
 from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
-from .quantities import gain_name, reported_quantities, to_converge
+from .quantities import contraction, gain_name, reported_quantities, statistics, to_converge
 from .reuse import KEY, describe, seen
 from .sampling import Report, sample_posterior, thinned
 from .settings import CalibrationSettings
@@ -324,24 +324,6 @@ def _prior_predictive(assembled: Assembled, posterior: Posterior, draws: NDArray
     return {p.name: largest(posterior.model, some, p.recording) for p in assembled.prepared[:4]}
 
 
-def _statistics(values: NDArray) -> dict[str, float]:
-    q = np.quantile(values, [0.05, 0.5, 0.95])
-    return {
-        "mean": float(np.mean(values)),
-        "sd": float(np.std(values)),
-        "q05": float(q[0]),
-        "q50": float(q[1]),
-        "q95": float(q[2]),
-    }
-
-
-def _contraction(values: NDArray, prior: NDArray, log: bool) -> float:
-    """1 - posterior variance/prior variance, on the logarithm for positive parameters."""
-    a, b = (np.log(values), np.log(prior)) if log else (values, prior)
-    b = b[np.isfinite(b)]
-    return float(1 - np.var(a) / np.var(b)) if b.size and np.var(b) > 0 else float("nan")
-
-
 def _particulars(posterior: Posterior, name: str) -> dict[str, Any]:
     """What a recording is and what was found to disturb it."""
     p = next(p for g in posterior.groups for p in (*g.fitted, *g.others) if p.name == name)
@@ -396,11 +378,11 @@ def _summary(
         base = name if name in units else name.rsplit("_", 1)[0]
         positive = bool(np.all(v > 0) and np.all(prior[base] > 0))
         parameters[name] = {
-            **_statistics(v),
+            **statistics(v),
             "unit": units[base],
             "map": float(at_map[name][0]),
             **health(name),
-            "contraction": _contraction(v, prior[base], positive),
+            "contraction": contraction(v, prior[base], positive),
         }
     for name, v in quantities.items():
         if name in at_map:
@@ -408,9 +390,9 @@ def _summary(
         unit = "1"
         if name.startswith(("sigma_", "zero_")):
             unit = name.rsplit("_", 1)[1]
-        noise[name] = {**_statistics(v), "unit": unit, "map": float(at[name][0]), **health(name), "contraction": None}
+        noise[name] = {**statistics(v), "unit": unit, "map": float(at[name][0]), **health(name), "contraction": None}
         if name in prior:
-            noise[name]["contraction"] = _contraction(v, prior[name], name.startswith("sigma"))
+            noise[name]["contraction"] = contraction(v, prior[name], name.startswith("sigma"))
     for zero in posterior.zeros:
         noise[zero.name]["contraction"] = float(1 - np.var(quantities[zero.name]) / zero.sd**2)
     for group in posterior.groups:
@@ -528,7 +510,7 @@ def _notes(
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")
     for name in model.reported(model.prior_draws(1, np.random.default_rng(0))):
         positive = bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0))
-        c = _contraction(quantities[name], prior[name], positive)
+        c = contraction(quantities[name], prior[name], positive)
         if c < 0.2:
             out.append(
                 f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is the "

@@ -1,4 +1,4 @@
-"""Draws of inference coordinates as the quantities that are reported."""
+"""Draws of inference coordinates as the quantities that are reported, and what is said of them."""
 
 from __future__ import annotations
 
@@ -37,3 +37,22 @@ def gain_name(posterior: Posterior, channel: str, specimen: str) -> str:
     """Name of a gain in results; the specimen is said where there are several."""
     several = len({g.specimen for g in posterior.groups}) > 1
     return f"gain_{channel}_{specimen}" if several else f"gain_{channel}"
+
+
+def statistics(values: NDArray) -> dict[str, float]:
+    """Mean, sd and quantiles of draws (n,), as every result states them."""
+    q = np.quantile(values, [0.05, 0.5, 0.95])
+    return {
+        "mean": float(np.mean(values)),
+        "sd": float(np.std(values)),
+        "q05": float(q[0]),
+        "q50": float(q[1]),
+        "q95": float(q[2]),
+    }
+
+
+def contraction(values: NDArray, prior: NDArray, log: bool) -> float:
+    """1 - posterior variance/prior variance, on the logarithm for positive parameters; nan where the prior has none."""
+    a, b = (np.log(values), np.log(prior)) if log else (values, prior)
+    b = b[np.isfinite(b)]
+    return float(1 - np.var(a) / np.var(b)) if b.size and np.var(b) > 0 else float("nan")

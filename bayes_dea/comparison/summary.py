@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..models.model import Model
+from ..quantities import statistics
 from .common import CommonData
 from .experiment import telling_apart
 from .kept import Done, scores_of
@@ -120,17 +121,11 @@ def _parameters(d: Done) -> dict[str, dict[str, Any]]:
     units = posterior.model.units()
     values = posterior.model.reported(posterior.model_part(d.whole.draws))
     at = posterior.model.reported(posterior.model_part(d.fit.x[None]))
-    return {name: {**_statistics(v), "unit": units[name], "map": float(at[name][0])} for name, v in values.items()}
+    return {name: {**statistics(v), "unit": units[name], "map": float(at[name][0])} for name, v in values.items()}
 
 
 def _noise(d: Done) -> dict[str, dict[str, float]]:
-    return {name: _statistics(v) for name, v in d.fit.posterior.noise_quantities(d.whole.draws).items()}
-
-
-def _statistics(v: Array) -> dict[str, float]:
-    q = np.quantile(v, [0.05, 0.5, 0.95])
-    return {"mean": float(np.mean(v)), "sd": float(np.std(v)), "q05": float(q[0]), "q50": float(q[1]),
-            "q95": float(q[2])}
+    return {name: statistics(v) for name, v in d.fit.posterior.noise_quantities(d.whole.draws).items()}
 
 
 def _weigh(entries: list[dict[str, Any]], recordings: Sequence[Mapping[str, Any]], rng: np.random.Generator) -> None:

@@ -8,19 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..quantities import contraction, statistics
 from .learner import Learner
 
 Array = NDArray[np.float64]
-
-
-def _statistics(values: Array, prior: Array | None, positive: bool) -> dict[str, Any]:
-    q = np.quantile(values, [0.05, 0.5, 0.95])
-    contraction = None
-    if prior is not None:
-        a, b = (np.log(values), np.log(prior)) if positive else (values, prior)
-        contraction = float(1 - np.var(a) / np.var(b))
-    return {"mean": float(values.mean()), "sd": float(values.std()), "q05": float(q[0]), "q50": float(q[1]),
-            "q95": float(q[2]), "contraction": contraction}
 
 
 def beliefs(learner: Learner) -> tuple[dict[str, Any], dict[str, Any], Array, Mapping[str, Array]]:
@@ -39,7 +30,8 @@ def beliefs(learner: Learner) -> tuple[dict[str, Any], dict[str, Any], Array, Ma
         before = prior.get(name)
         positive = bool(before is not None and np.all(v > 0) and np.all(before > 0))
         unit = units.get(name) or ("m" if name.startswith("sigma_") else "1")
-        entry = {**_statistics(v, before, positive), "unit": unit, "map": float(v[best]), "rhat": None,
+        entry = {**statistics(v), "contraction": None if before is None else contraction(v, before, positive),
+                 "unit": unit, "map": float(v[best]), "rhat": None,
                  "ess_bulk": effective, "ess_tail": effective}
         (parameters if name in units else noise)[name] = entry
     return parameters, noise, draws, quantities
