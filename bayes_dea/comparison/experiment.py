@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,12 @@ class Trial:
 
     @property
     def recording(self) -> Recording:
-        """Its rows, without answer."""
-        return self.experiment.recording
+        """Its rows, without answer; where a voltage drives it, at a steady temperature."""
+        r = self.experiment.recording
+        if not r.is_voltage:
+            return r
+        # what a model that looks at the temperature would miss otherwise
+        return replace(r, columns={**r.columns, "temperature_C": np.zeros(r.n)})
 
     @property
     def cost_s(self) -> float:
