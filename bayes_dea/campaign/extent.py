@@ -66,10 +66,14 @@ def median_step(time_s: NDArray[np.float64]) -> float:
 
 
 def extent(time_s: NDArray[np.float64], values: NDArray[np.float64], name: str) -> dict[str, float]:
-    """Smallest and largest value of the column `name`, `duration_s`, `step_s` (median) and `frequency_Hz`."""
+    """Smallest value and largest magnitude of the column `name`, `duration_s`, `step_s` (median) and `frequency_Hz`.
+
+    A film is pulled to negative positions, and a stack answers to -1000 V as to 1000 V: how far it went has no sign.
+    """
+    smallest = float(np.nanmin(values))
     return {
-        f"smallest_{name}": float(np.nanmin(values)),
-        f"largest_{name}": float(np.nanmax(values)),
+        f"smallest_{name}": smallest,
+        f"largest_{name}": max(float(np.nanmax(values)), -smallest),
         "duration_s": float(time_s[-1] - time_s[0]),
         "step_s": median_step(time_s),
         "frequency_Hz": repetition_Hz(time_s, values),

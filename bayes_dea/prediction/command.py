@@ -133,7 +133,7 @@ def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[
         top = seen.get("largest_voltage_V")
         if not top:
             raise InputError(
-                f"{c.where}: no max_voltage_V is stated and no voltage recording was fitted: write max_voltage_V under "
+                f"{c.where}: no max_voltage_V is stated and no recording above 0 V was fitted: write max_voltage_V under "
                 "[actuator] in campaign.toml and calibrate again"
             )
         notes.append(

@@ -24,6 +24,10 @@ def seen_by(recordings: Sequence[Mapping[str, Any]]) -> dict[str, float]:
             if value is not None:
                 pick = min if key.startswith(("smallest", "step")) else max
                 out[key] = pick(out[key], value) if key in out else value
+    for key in [k for k in out if k.startswith("smallest_")]:
+        # older calibrations hold the largest value with its sign, not the largest size
+        largest = key.replace("smallest", "largest", 1)
+        out[largest] = max(out.get(largest, 0.0), -out[key])
     return out
 
 
