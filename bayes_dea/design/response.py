@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from ..campaign.schema import Recording
 from ..experiments.menu import Experiment
 from ..models.model import Model
-from ..models.nodes import make_nodes
-from ..models.plant import plant_of
-from ..models.simulate_plant import simulate_nodes, simulate_plates
 from ..prediction.simulators import simulator
 from .belief import Belief
 
@@ -27,21 +24,8 @@ def answers(model: Model, z: Array, recording: Recording, zero_m: float = 0.0) -
 
     A draw without an answer (no balance of forces) has nan.
     """
-    if not model.spec.effects:
-        zero = None if recording.is_voltage else zero_m
-        return np.ascontiguousarray(simulator(model, z, recording, zero).rows(0, recording.n).T)
-    physical = model.physical(z)
-    out = np.empty((len(z), recording.n))
-    nodes = make_nodes(recording, every_row=True) if recording.is_voltage else None
-    for i in range(len(z)):
-        plant = plant_of(model, {k: float(v[i]) for k, v in physical.items()}, recording.actuator)
-        if nodes is not None and nodes.temperature_C is None:
-            plant = plant.at_steady_temperature
-        if nodes is not None:
-            out[i] = simulate_nodes(plant, nodes)
-        else:
-            out[i] = simulate_plates(plant, recording.time_s, recording.columns["position_m"], zero_m, 1)
-    return out
+    zero = None if recording.is_voltage else zero_m
+    return np.ascontiguousarray(simulator(model, z, recording, zero).rows(0, recording.n).T)
 
 
 @dataclass(frozen=True)

@@ -123,6 +123,8 @@ def answer(
     seen = seen_by(c.recordings(name, channel))
     check_units(given, recording.actuator, seen)
     notes = [*given.warnings, *warnings_of(given, recording.actuator, seen, c.where)]
+    if "thermal_expansion" in model.spec.effects and channel == "displacement":
+        notes.append("A command holds no temperature: what thermal_expansion does is left out, as at a steady one.")
     if not c.converged:
         notes.append("The calibration's sampler had not converged: the bands are provisional.")
     rng = np.random.default_rng(seed)

@@ -1,20 +1,24 @@
-"""Responses of many draws to one input, a stretch of rows at a time: memory does not grow with the recording."""
+"""Responses of many draws to one input, a stretch of rows at a time: without effects memory does not grow with it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..campaign.schema import Recording
+from ..campaign.schema import Actuator, Recording
 from ..compiled import njit
 from ..errors import InputError
 from ..forward import row_durations
 from ..models.chain import Material, materials
-from ..models.electrostatics import require, stroke_factor, voltage_drive
+from ..models.electrostatics import VOLTAGE_GEOMETRY, require, stroke_factor, voltage_drive
 from ..models.lags import Drive, lag_rows
 from ..models.model import Model
+from ..models.nodes import make_nodes
+from ..models.plant import Plant, plant_of
+from ..models.simulate_plant import simulate_nodes, simulate_plates
 from ..models.strain_kernel import strain_driven_kernel
 from ..models.stress_kernel import stress_driven_kernel
 
@@ -101,7 +105,7 @@ class ForceSimulator:
         self.m, self.area = material, area
         self.h = np.diff(time_s)
         self.e = (position - zero) / height
-        self.contact = 1 if abs(self.e.max()) >= abs(self.e.min()) else -1
+        self.contact = _contact(self.e)
         self.state = np.zeros((len(material.law), material.k.shape[1] + 1))
 
     def rows(self, start: int, stop: int) -> Array:
@@ -114,12 +118,47 @@ class ForceSimulator:
         return np.asarray(stress[:, start - first :].T)
 
 
-def simulator(model: Model, z: Array, recording: Recording, zero_m: float | None = None) -> Simulator:
+class PlantSimulator:
+    """A model with effects: each draw through the whole chain, as `forward.simulate`.
+
+    Supply, friction and sensor are followed over all rows at once, so the answers of all rows are kept.
+    """
+
+    def __init__(self, plants: Sequence[Plant], answer: Callable[[Plant], Array]) -> None:
+        self.plants, self.answer = plants, answer
+        self.found: Array | None = None
+
+    def rows(self, start: int, stop: int) -> Array:
+        if self.found is None:  # not before: this is called on a thread of its own
+            self.found = np.stack([self.answer(plant) for plant in self.plants])
+        return np.asarray(self.found[:, start:stop].T)
+
+
+def plants_of(model: Model, z: Array, actuator: Actuator) -> list[Plant]:
+    """Plants of draws z (B, d_model) on an actuator."""
+    physical = model.physical(np.atleast_2d(z))
+    return [plant_of(model, {k: float(v[i]) for k, v in physical.items()}, actuator) for i in range(len(z))]
+
+
+def simulator(
+    model: Model, z: Array, recording: Recording, zero_m: float | None = None, *, sensor: bool = True
+) -> Simulator:
     """Simulator of draws z (B, d_model) on a recording that has its input column at least.
 
-    zero_m: position of contact of a mechanical one, by default its first position. Raises InputError when the
-    geometry is incomplete, or a black box is asked for a force.
+    zero_m: position of contact of a mechanical one, by default its first position. sensor: whether effects of the
+    sensor are part of the answer. Where no temperature is recorded none is expected to change. Raises InputError when
+    the geometry is incomplete, or a black box is asked for a force.
     """
+    effects = bool(model.spec.effects)
+    if recording.is_voltage and effects:
+        require(recording.actuator, VOLTAGE_GEOMETRY, f"{recording.name} (a voltage recording)")
+        nodes = make_nodes(recording, every_row=True)
+        plants = plants_of(model, z, recording.actuator)
+        if not sensor:
+            plants = [p.before_sensor for p in plants]
+        elif nodes.temperature_C is None:
+            plants = [p.at_steady_temperature for p in plants]
+        return PlantSimulator(plants, lambda plant: simulate_nodes(plant, nodes))
     if recording.is_voltage:
         drive, stroke = voltage_drive(recording), stroke_factor(recording.actuator)
         if model.is_linear:
@@ -127,9 +166,19 @@ def simulator(model: Model, z: Array, recording: Recording, zero_m: float | None
         return MaterialSimulator(materials(model, z), drive, stroke, recording.hold == "linear")
     require(recording.actuator, ("stack_height_m", "total_area_m2"), "a mechanical signal")
     position = recording.columns["position_m"]
+    zero = float(position[0]) if zero_m is None else zero_m
+    if effects:
+        contact = _contact(position - zero)
+        return PlantSimulator(
+            plants_of(model, z, recording.actuator),
+            lambda plant: simulate_plates(plant, recording.time_s, position, zero, contact),
+        )
     height, area = recording.actuator.stack_height_m, recording.actuator.total_area_m2
     if height is None or area is None:
         raise InputError(f"{recording.name}: stack_height_m and total_area_m2 are needed for a force")
-    return ForceSimulator(
-        materials(model, z), recording.time_s, position, float(position[0]) if zero_m is None else zero_m, height, area
-    )
+    return ForceSimulator(materials(model, z), recording.time_s, position, zero, height, area)
+
+
+def _contact(travel: Array) -> int:
+    """+1 between plates, -1 for a film in tension, by where it goes furthest."""
+    return 1 if abs(travel.max()) >= abs(travel.min()) else -1
