@@ -13,7 +13,7 @@ from bayes_dea.campaign.schema import Actuator, Recording
 from bayes_dea.models.electrostatics import stress_factor, stroke_factor, voltage_drive
 from bayes_dea.prediction.bands import CHUNK, LEVELS
 from bayes_dea.prediction.calibrated import open_calibration
-from bayes_dea.prediction.command import shaking
+from bayes_dea.prediction.find_command import shaking
 from bayes_dea.prediction.follow import Network, _Smoother
 from bayes_dea.prediction.inverse import Limits, invert_linear
 from bayes_dea.prediction.limits import warnings_of

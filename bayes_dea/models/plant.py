@@ -126,6 +126,12 @@ class Plant:
         return self.law_id == HOOKE and not bent and self.R_s_ohm == 0.0 and not stretches
 
     @property
+    def has_plain_stress(self) -> bool:
+        """Whether the Maxwell stress without stretch follows the square of the command at once."""
+        supply = self.V_dead_V or self.V_max_V < np.inf or self.slew_V_per_s < np.inf or self.tau_fall_s
+        return not (supply or self.R_s_ohm or self.a_q or self.chi)
+
+    @property
     def in_series(self) -> bool | None:
         """True where a curved law stands in series with its elements, else None: as `plant_kernel` asks for it."""
         return None if self.creep is None else True

@@ -34,7 +34,7 @@ def _limited(v, dead, top):
 
 
 @_jit
-def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last):
+def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last, before=0.0):
     """Supply voltage (V) as straight lines u0 -> u1 of duration H (s); returns how many there are.
 
     Dead zone and saturation act on the command, then the slew rate limits every change and the fall time constant
@@ -42,9 +42,10 @@ def supply(h, c0, c1, rows, dead, top, slew, tau_fall, H, u0, u1, last):
     node; where it is not followed smoothly it is taken as held at the middle of each of the step's rows (m,). last
     (m,): the line that ends at each node. What is quicker than a step, or curved in it, is cut; each line has its end
     and its mean right (but for a straight command that the slew rate holds up, which is caught up with along a line).
-    Where H, u0 and u1 are too short nothing but the number is right: call again with as many.
+    Where H, u0 and u1 are too short nothing but the number is right: call again with as many. before: its voltage (V)
+    at the start.
     """
-    v = 0.0
+    v = 1.0 * before
     slew = min(slew, 1e15)  # infinity times no time is no number
     instant = slew >= 1e15 and tau_fall == 0.0
     room, count = H.size, 0

@@ -92,12 +92,12 @@ def as_recording(c: Calibrated, given: Signal, specimen: str, hold: str | None) 
 
 
 def simulators_for(
-    c: Calibrated, recording: Recording, rows: NDArray[np.int64], workers: int
+    c: Calibrated, recording: Recording, rows: NDArray[np.int64], workers: int, *, sensor: bool = True
 ) -> list[Simulator]:
-    """Simulators of these draws, in parts for `workers` threads."""
+    """Simulators of these draws, in parts for `workers` threads; see `simulator`."""
     z = c.coordinates(recording.specimen, rows)
     parts = np.array_split(z, max(1, min(workers, len(z))))
-    return [simulator(c.structure.model, part, recording) for part in parts]
+    return [simulator(c.structure.model, part, recording, sensor=sensor) for part in parts]
 
 
 def answer(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -13,37 +13,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..forward import row_durations
-from ..models.chain import materials
-from ..models.electrostatics import stress_factor, stroke_factor, voltage_drive
-from ..models.lags import simulate_modes
-from .answer import DRAWS, Report, answer, as_recording, read_both, simulators_for
-from .bands import CHUNK, stretch
+from ..models.effects import registered_effects
+from .answer import DRAWS, Report, answer, as_recording, read_both
 from .calibrated import Calibrated
-from .follow import follow
-from .inverse import ABOVE, FAST, MET, NEGATIVE, Inverted, Limits, invert_linear, invert_material
+from .find_command import as_commanded, find_command, mean_stroke
+from .inverse import ABOVE, FAST, MET, NEGATIVE, Limits
 from .limits import check_units, seen_by
 from .result import SignalPrediction, Unmet
+from .rounds import LEFT
 from .signal import Signal, read_signal
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
-#: a stroke is met when it is predicted to this accuracy
-MET_TO_M = 1e-9
-#: share of the rows that a command may miss more than another when it does not shake
-_WORTH_SMOOTHNESS = 0.01
-#: share of the largest voltage by which a command that shakes goes up and down
-_SHAKING = 1e-3
 #: intervals that prediction.json lists one by one
 LISTED = 200
-#: rounds in which the mean of the draws is brought onto the wish, for laws where it is not the answer of one of them
-_ROUNDS = 4
+#: effects behind which the stroke does not follow the end of a straight command at once
+_LATE = {"series_resistance", "leakage", "supply_current_limit", "one_quadrant_supply", "parallel_damper", "inertia"}
 WHY = {
     MET: "a command that meets it would shake from row to row; the smoothest one that comes near was taken",
     ABOVE: "it would need more than the largest voltage",
     NEGATIVE: "the actuator would have to be pulled back: at 0 V it returns by itself, no faster",
     FAST: "it would need a faster change than the highest frequency allows",
+    LEFT: "the command was corrected by the whole simulation round by round, and came no nearer",
 }
 
 Array = NDArray[np.float64]
@@ -67,7 +59,9 @@ def command_for(
     follows it to below a nanometre wherever that is possible; `unmet` of the result names the intervals where it is
     not, with the reason. The command is `time_s` and `values` (V) of the result, command.csv when it is saved. With a
     black box (pz3, ss3), whose exact inverse would shake from row to row, it is the smoothest command that meets the
-    stroke to the resolution of the sensor. Other arguments and errors as for `predict`.
+    stroke to the resolution of the sensor. With effects it is met to that resolution as well; the stroke is that of the
+    actuator, and effects of the sensor, which act on the reading alone, are not made up for: a warning says by how
+    much they change it. Other arguments and errors as for `predict`.
     """
     began = time.perf_counter()
     say = report or (lambda *_: None)
@@ -92,37 +86,30 @@ def command_for(
     def tell(done: float, of: float) -> None:
         say("inverting", done, of, wish.label)
 
-    found = _invert(c, recording, wish.values, rows, limits, workers, tell)
+    found, tolerance = find_command(c, recording, wish.values, rows, limits, workers, tell)
     command = replace(
         flat,
         label=f"command for {wish.label}",
-        values=_as_commanded(found.voltage, recording.hold),
+        values=as_commanded(found.voltage, recording.hold),
         inputs=wish.inputs,
         warnings=(*wish.warnings, *notes),
     )
     inverted = time.perf_counter()
     given = answer(c, command, draws, seed, name, hold, workers, report, inverted)
-    black_box = c.structure.model.is_black_box
-    tolerance = resolution_of(c) if black_box else MET_TO_M
-    unmet = intervals(wish.time_s, given.mean - wish.values, found.flag, tolerance)
-    summary = _summary(given.summary, wish, given.mean, unmet, limits, inverted - began)
+    mean, summary = given.mean, given.summary
+    sensed = [e for e in c.structure.model.spec.effects if registered_effects()[e].stage == "sensor"]
+    if sensed:
+        mean = mean_stroke(c, as_recording(c, command, name, hold), rows, workers, lambda share: None)
+        away = 1e6 * float(np.max(np.abs(given.mean - mean)))
+        note = (
+            f"{', '.join(sensed)}: acts on the reading alone. The command makes the stroke of the actuator follow "
+            "the wish; what the sensor will show, which is predicted here, differs from that stroke by up to "
+            f"{away:.3g} um."
+        )
+        summary = {**summary, "warnings": [*summary["warnings"], note]}
+    unmet = intervals(wish.time_s, mean - wish.values, found.flag, tolerance)
+    summary = _summary(summary, wish, mean, unmet, limits, inverted - began)
     return replace(given, summary=summary, wanted=wish.values, unmet=unmet)
-
-
-def shaking(voltage: Array, top: float) -> NDArray[np.bool_]:
-    """Rows (n,) in which a command goes up and down from row to row by more than a thousandth of `top` (V)."""
-    # an eighth of the third difference is the part that changes its sign with every row; a corner has it for one row
-    part = np.diff(voltage, 3) / 8.0
-    alternates = (part[1:] * part[:-1] < 0.0) & (np.minimum(np.abs(part[1:]), np.abs(part[:-1])) > _SHAKING * top)
-    out = np.zeros(voltage.size, bool)
-    for begin in range(5):
-        out[begin : begin + alternates.size] |= alternates
-    return out
-
-
-def resolution_of(c: Calibrated) -> float:
-    """Resolution (m) of the displacement sensor: a black box is to follow a wish to it; 0.1 um where none is stated."""
-    return float(c.summary.get("sensors", {}).get("displacement", {}).get("resolution") or 1e-7)
 
 
 def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[Limits, list[str]]:
@@ -133,8 +120,8 @@ def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[
         top = seen.get("largest_voltage_V")
         if not top:
             raise InputError(
-                f"{c.where}: no max_voltage_V is stated and no recording above 0 V was fitted: write max_voltage_V under "
-                "[actuator] in campaign.toml and calibrate again"
+                f"{c.where}: no max_voltage_V is stated and no recording above 0 V was fitted: write max_voltage_V "
+                "under [actuator] in campaign.toml and calibrate again"
             )
         notes.append(
             f"The campaign states no max_voltage_V: the command stays below {top:g} V, the highest voltage that the "
@@ -147,93 +134,7 @@ def limits_of(c: Calibrated, specimen: str, seen: Mapping[str, float]) -> tuple[
 
 def _has_no_jump(c: Calibrated) -> bool:
     spec = c.structure.model.spec
-    return spec.network in ("gkm", "pz3", "ss3")
-
-
-def _as_commanded(in_force: Array, hold: str) -> Array:
-    """Voltages in force at the rows to those of a command file: with hold = start a row is in force from then on."""
-    return np.append(in_force[1:], in_force[-1]) if hold == "start" else in_force
-
-
-def _invert(
-    c: Calibrated,
-    recording: Any,
-    wish_m: Array,
-    rows: NDArray[np.int64],
-    limits: Limits,
-    workers: int,
-    tell: Callable[[float, float], None],
-) -> Inverted:
-    """The command for a wish (n,) m; tell: called with (done, of) where it takes several rounds, `of` the most."""
-    model = c.structure.model
-    stroke, factor = stroke_factor(recording.actuator), stress_factor(recording.actuator)
-    held = replace(recording, hold="linear" if recording.hold == "linear" else "end")
-    drive = voltage_drive(held)
-    wish = wish_m / stroke
-    if recording.hold == "start":
-        wish = np.concatenate([[0.0], wish[1:]])  # nothing was in force before the first row
-    time_s = recording.time_s
-    z = c.coordinates(recording.specimen, rows)
-    if model.is_linear:
-        # the mean of all draws is itself a linear network, that of all their lags
-        D, modes, T = model.modes(z)
-        network = float(D.mean()), np.ascontiguousarray((modes / len(D)).ravel()), np.ascontiguousarray(T.ravel())
-        if not model.is_black_box:
-            return invert_linear(time_s, drive, factor, network, wish, limits)
-        _, middle, T_middle = model.modes(z.mean(axis=0)[None])
-        smooth = follow(
-            time_s, drive, factor, network[1:], (middle[0], T_middle[0]), wish, limits, resolution_of(c) / stroke, tell
-        )
-        fastest = T.min(axis=1, keepdims=True)
-        slow = np.argsort(T, axis=1)[:, 1:]
-        c_slow = np.take_along_axis(modes * (1 - fastest / T), slow, 1) / len(D)
-        T_slow = np.take_along_axis(T, slow, 1)
-        behind = (np.ascontiguousarray(c_slow.ravel()), np.ascontiguousarray(T_slow.ravel()), float(fastest.mean()))
-        stepwise = invert_linear(time_s, drive, factor, network, wish, limits, behind)
-
-        def bad(found: Inverted) -> float:
-            drive_of = replace(drive, stress=factor * found.voltage**2, middle=factor * found.voltage**2)
-            there, _ = simulate_modes(drive_of, *network)
-            missed = np.abs(there - wish) * stroke > resolution_of(c)
-            return float(np.mean(missed | shaking(found.voltage, limits.voltage_V)))
-
-        # a wish that is out of reach for long is better followed from row to row: what cannot be met is then given up
-        # where it comes, and not prepared for; a row that is met by shaking is worth no more than one that is missed
-        return smooth if bad(smooth) <= bad(stepwise) + _WORTH_SMOOTHNESS else stepwise
-    material = materials(model, c.coordinates(recording.specimen))
-    h = row_durations(drive)
-    goal = wish.copy()
-    for number in range(_ROUNDS):
-        found = invert_material(time_s, drive, h, factor, material, goal, limits)
-        columns = {**recording.columns, "voltage_V": _as_commanded(found.voltage, recording.hold)}
-        commanded = replace(recording, columns=columns)
-
-        def share(done: float, before: int = number) -> None:
-            tell(before + done, _ROUNDS)  # nearly all the time goes into the mean
-
-        mean = _mean(c, commanded, rows, workers, share) / stroke
-        miss = np.where(found.flag == MET, wish - mean, 0.0)
-        if np.max(np.abs(miss)) * stroke < 0.2 * MET_TO_M:
-            break
-        # a wish for what no voltage does would pile up
-        goal = np.where(found.flag == MET, goal + miss, wish)
-    return found
-
-
-def _mean(
-    c: Calibrated, recording: Any, rows: NDArray[np.int64], workers: int, tell: Callable[[float], None]
-) -> Array:
-    """Mean (n,) of the draws' answers; tell: called with the share that is done."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    simulators = simulators_for(c, recording, rows, workers)
-    n, out = recording.time_s.size, np.empty(recording.time_s.size)
-    with ThreadPoolExecutor(len(simulators)) as pool:
-        for start in range(0, n, CHUNK):
-            stop = min(start + CHUNK, n)
-            out[start:stop] = stretch(simulators, start, stop, pool).mean(axis=1)
-            tell(stop / n)
-    return out
+    return spec.network in ("gkm", "pz3", "ss3") or not _LATE.isdisjoint(spec.effects)
 
 
 def intervals(time_s: Array, miss: Array, flag: NDArray[np.int8], tolerance: float) -> tuple[Unmet, ...]:

@@ -140,6 +140,21 @@ def plants_of(model: Model, z: Array, actuator: Actuator) -> list[Plant]:
     return [plant_of(model, {k: float(v[i]) for k, v in physical.items()}, actuator) for i in range(len(z))]
 
 
+def straight_modes(model: Model, z: Array, actuator: Actuator) -> tuple[Array, Array, Array] | None:
+    """Modes D (B,) 1/Pa, c (B, m) 1/Pa, T (B, m) s of draws z (B, d_model) of whose stroke V^2 is all that drives it;
+    None where there are none. What the sensor makes of the stroke is no part of them."""
+    if not model.spec.effects:
+        return model.modes(z) if model.is_linear else None
+    plants = plants_of(model, z, actuator)
+    return modes_of(plants) if all(p.is_linear and p.has_plain_stress for p in plants) else None
+
+
+def modes_of(plants: Sequence[Plant]) -> tuple[Array, Array, Array]:
+    """Modes of linear plants, as of `straight_modes`."""
+    D, c, T = zip(*(plant.modes for plant in plants), strict=True)
+    return np.array(D), np.array(c), np.array(T)
+
+
 def simulator(
     model: Model, z: Array, recording: Recording, zero_m: float | None = None, *, sensor: bool = True
 ) -> Simulator:

@@ -20,7 +20,8 @@ def test_a_film_is_pulled_to_negative_positions():
     assert known["largest_position_m"] == pytest.approx(1.7e-3, rel=1e-3)
     assert warnings_of(Signal("s", "position_m", t, 0.5 * pulled), ACTUATOR, known, "out") == []
     beyond = warnings_of(Signal("s", "position_m", t, 2.0 * pulled), ACTUATOR, known, "out")
-    assert len(beyond) == 1 and "reaches 0.0033986 m, the recordings that were fitted 0.0016993 m" in beyond[0]
+    assert len(beyond) == 1
+    assert "reaches 0.0033986 m, the recordings that were fitted 0.0016993 m" in beyond[0]
 
 
 @pytest.mark.parametrize("stored", [0.0, 1000.0])  # the largest value with its sign, as older calibrations hold it
