@@ -46,6 +46,18 @@ def test_a_grid_does_not_replace_what_was_found_from_elsewhere():
     assert set(k.weighed) == {"leakage+sensor_lag", "inertia"}
 
 
+def test_a_lower_maximum_replaces_no_higher_one_unless_its_evidence_is_more():
+    """Within ten nats it did, so that a pair's probability hung on the order of the search."""
+    name = ("leakage", "sensor_lag")
+    top = Stub(name, 100.0, fit=Peak(-120.0))
+    k = known(top)
+    k.take([Stub(name, 90.5, fit=Peak(-109.0))])
+    assert k.weighed["leakage+sensor_lag"] is top
+    broad = Stub(name, 101.0, fit=Peak(-115.0))
+    k.take([broad])
+    assert k.weighed["leakage+sensor_lag"] is broad
+
+
 def test_what_is_found_from_elsewhere_has_to_be_clearly_better():
     one, other = Stub(("leakage",), 100.0), Stub(("inertia",), 50.0)
     k = known(one, other)

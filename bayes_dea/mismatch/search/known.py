@@ -18,6 +18,8 @@ from .weigh import Weighed
 
 #: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
 _CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
+#: nats of posterior density by which a descent that ended elsewhere is told from one that ended a little early
+_LOWER = 1.0
 #: nats that may well be chance (20 to 1, and there are twenty effects): less is no lead
 SLIGHT = 3.0
 #: nats by which an effect has to be ahead of what lacks it for a mode that does its work to be looked for
@@ -46,10 +48,13 @@ class Known:
     _sizes_elsewhere: Once[float] = field(default_factory=Once, repr=False)
 
     def take(self, found: Iterable[Weighed]) -> None:
-        """Add hypotheses that were weighed in full; one that is known from a far better place stays what it was."""
+        """Add hypotheses that were weighed in full; one that is known from a better place stays what it was.
+
+        The same maximum weighed again replaces what it was taken for: an evidence drawn along a ridge is the finer one.
+        """
         for w in found:
             before = self.weighed.get(w.name)
-            if before is None or w.log_evidence > before.log_evidence - _CLEARLY:
+            if before is None or w.log_evidence > before.log_evidence - (0.0 if _lower(w, before) else _CLEARLY):
                 self.weighed[w.name] = w
 
     def take_from_elsewhere(self, found: Sequence[Weighed]) -> list[Weighed]:
@@ -157,6 +162,11 @@ def shares(w: Weighed, odds: Odds, candidates: int) -> tuple[float, float]:
         return plain * (1.0 - found.probability), plain * found.probability
     bare = odds.of(len(w.effects) - 1, candidates)
     return plain * (1.0 - found.probability), bare * odds.shift * found.even
+
+
+def _lower(w: Weighed, before: Weighed) -> bool:
+    """Whether the maximum of one fit of a hypothesis is clearly lower than that of another."""
+    return before.refitted and w.fit.objective > before.fit.objective + _LOWER
 
 
 def _least_gain(w: Weighed, before: Weighed) -> float:
