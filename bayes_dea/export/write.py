@@ -82,6 +82,7 @@ def export_state_space(
     if not c.recordings(name, "displacement"):
         notes.append("No voltage recording was fitted: the stroke is an extrapolation from mechanical recordings.")
     found = systems(c, sample_time_s, count, hold, name, at_voltage_V)
+    notes.extend(found.warnings)
     folder = Path(out)
     path = folder / FORMATS[to]
     WRITERS[to](path, found)
