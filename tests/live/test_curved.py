@@ -5,10 +5,13 @@ import pytest
 from stream import ACTUATOR, BENCH
 from threadpoolctl import threadpool_limits
 
+from bayes_dea.campaign import recording_from_arrays
 from bayes_dea.errors import InputError
+from bayes_dea.experiments.menu import Experiment
+from bayes_dea.forward import simulate
 from bayes_dea.likelihood.gram import RecordGram, log_likelihood, sum_group
 from bayes_dea.live.adaptive import choose
-from bayes_dea.live.curved import Bank, check_curved
+from bayes_dea.live.curved import LIVE_EFFECTS, Bank, check_curved
 from bayes_dea.live.follow import make_learner
 from bayes_dea.live.learner import LearnerSettings, Session
 from bayes_dea.live.outlook import limits_of_stream
@@ -88,6 +91,32 @@ def test_a_curved_law_behind_kelvin_voigt_elements_is_followed():
         assert abs(one.latest[name]["mean"] - value) < 4 * one.latest[name]["sd"], name
 
 
+@pytest.mark.parametrize("chain", ["hooke+gm1", "neohooke+gkv1"])
+@pytest.mark.parametrize("effect", LIVE_EFFECTS)
+def test_plants_that_are_carried_on_leave_no_effect_out(chain, effect):
+    """At the same draws they say what the forward simulation of the whole recording says, and not what the chain
+    without its effect does."""
+    n = 600
+    t = 0.02 * np.arange(n)
+    volts = np.repeat(np.random.default_rng(0).uniform(0, 1000, 12), 50)
+    volts[:50] = 0.0
+    recording = recording_from_arrays("s", "voltage", {"time_s": t, "voltage_V": volts, "displacement_m": np.zeros(n)},
+                                      actuator=ACTUATOR)
+    # without a resistance before it the supply makes up for what leaks
+    chain = f"{chain}+series_resistance" if effect == "leakage" else chain
+    model, bare = build_model(f"{chain}+{effect}"), build_model(chain)
+    z = np.median(model.prior_draws(400, np.random.default_rng(3)), axis=0)[None]
+    # strong enough to be seen in rows of 20 ms
+    strong = {"R_s_ohm": 1e6, "R_leak_ohm": 1e8, "d0_Pa_s": 1e5}
+    values = {k: strong.get(k, float(v[0])) for k, v in model.physical(z).items()}
+    z = model.from_prior_coordinates(model.priors.to_coordinates({k: np.array([v]) for k, v in values.items()}))
+    x = Bank(model, ACTUATOR, z).advance(np.diff(t, prepend=0.0), volts, volts)[0]
+    expected = simulate(model, values, recording)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-8)
+    without = simulate(bare, {p.name: values[p.name] for p in bare.parameters}, recording)
+    assert np.max(np.abs(expected - without)) > 1e-7
+
+
 @pytest.mark.long
 def test_a_bank_goes_on_as_if_it_had_never_stopped():
     rows, x = rows_of(6)
@@ -148,6 +177,25 @@ def test_the_next_experiment_of_a_curved_model_is_chosen_too(followed):
     assert choice.nats > 0.05
     # looking ahead moves nothing; tables that a run has not filled hold what memory held, which may be no number
     assert np.array_equal(one.design.bank.W, before, equal_nan=True)
+
+
+def test_what_is_expected_of_an_experiment_goes_on_from_the_stream(followed):
+    """Effects and memory included: the forward simulation of stream and experiment in one, at the same draws."""
+    one, rows, _ = followed
+    limits = limits_of_stream(ACTUATOR, 1200.0, RATE, 2.0)
+    experiment = Experiment("repeat after a high step", (0.5, 0.0), limits)
+    snap = one.snapshot().at(np.arange(0, 2000, 400))
+    expected = snap.answers(experiment)
+    r = experiment.rows
+    t = np.concatenate([rows[:, 0], rows[-1, 0] + 1e-9 + r.time_s])
+    whole = recording_from_arrays("s", "voltage", {
+        "time_s": t, "voltage_V": np.concatenate([rows[:, 1], r.values]), "displacement_m": np.zeros(t.size)},
+        actuator=ACTUATOR)
+    for i in range(len(snap.z)):
+        values = {k: float(v[0]) for k, v in one.model.physical(snap.z[[i]]).items()}
+        x = simulate(one.model, values, whole)[len(rows) :]
+        # the polynomial is right to a resolution step of the sensor
+        np.testing.assert_allclose(expected[i], (1 + snap.gains[i]) * x + snap.offsets[i], rtol=0, atol=0.15e-6)
 
 
 def test_more_than_this_is_refused_with_the_way_out():
