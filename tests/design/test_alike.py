@@ -9,7 +9,7 @@ from bench_campaigns import ACTUATOR
 from bayes_dea.campaign.schema import MECHANICAL_KINDS, VOLTAGE_KINDS
 from bayes_dea.design.belief import Belief, Noise
 from bayes_dea.design.discriminate import Simulated, expected_telling, telling_of_draws
-from bayes_dea.design.questions import OfHypotheses
+from bayes_dea.design.questions import OfHypotheses, OfParameters
 from bayes_dea.experiments.limits import Limits
 from bayes_dea.experiments.menu import Experiment
 from bayes_dea.models.model import build_model
@@ -104,3 +104,15 @@ def test_what_cannot_decide_does_not_come_first_because_it_is_cheap():
     # half of what may be nothing is nothing
     vague = [proposal(0.03, 0.02, 3600.0), proposal(0.01, 0.02, 60.0)]
     assert in_order(vague, 0.5) == vague[::-1]
+
+
+def test_a_resistance_is_learned_from_fast_voltages_alone():
+    """Of R known to 2 %: edges tell its size, at 1200 V to far better than that; between plates there is no current."""
+    question = OfParameters.of(belief("series_resistance", 1), 3)
+
+    def width(*settings):
+        return question.intervals_after(question.ask(Experiment(*settings, LIMITS)).known)["R_s_ohm"]
+
+    assert width("rectangle", (0.9, 0.4, 1.0, 0.2)) < 0.2
+    assert width("compression", (1.0, 0.8, 0.0)) == pytest.approx(1.0, abs=0.05)
+    assert width("relaxation", (1.0, 0.2)) == pytest.approx(1.0, abs=0.05)

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 
 from bayes_dea.assemble import assemble
-from bayes_dea.design.belief import of_posterior
+from bayes_dea.design.belief import of_calibration, of_posterior
+from bayes_dea.design.response import answers
+from bayes_dea.experiments.limits import limits_of_actuator
+from bayes_dea.experiments.menu import Experiment
+from bayes_dea.forward import simulate
 from bayes_dea.models.model import build_model
 from bayes_dea.predict_recordings import conditional_gain
+from bayes_dea.prediction.calibrated import Calibrated
+from bayes_dea.reuse import KEY, describe, restore
 
 
 def specimens(campaign, roles, scale):
@@ -38,3 +44,21 @@ def test_the_gain_is_that_of_the_first_specimen_to_identify(electric, other):
     assert abs(belief.gains["displacement"].mean() - a.mean()) > 0.01
     # what the stroke says of the gain goes with the modulus
     assert np.corrcoef(belief.gains["displacement"], z[:, 0])[0, 1] > 0.9
+
+
+def test_an_earlier_calibration_keeps_its_effects(electric):
+    model = build_model("hooke+gm1+series_resistance")
+    z = model.prior_draws(50, np.random.default_rng(1))
+    names = (*model.coordinate_names, "log sigma_displacement", "atanh rho_displacement")
+    q = np.pad(z, ((0, 0), (0, 2)))
+    summary = {"model": model.name, KEY: describe(model, names, q[0], ("A",), (), electric)}
+    quantities = {"sigma_displacement_m": np.full(50, 5e-6), "gain_displacement": np.full(50, 0.01)}
+    source = Calibrated("here", summary, restore(summary, "here"), q, quantities)
+    belief = of_calibration(source, electric, np.random.default_rng(2))
+    assert belief.name == model.name
+    np.testing.assert_array_equal(belief.gains["displacement"], 0.01)
+    actuator = electric.recordings[0].actuator
+    recording = Experiment("rectangle", (0.9, 0.4, 1.0, 0.2), limits_of_actuator(actuator, False)).recording
+    values = {k: float(v[7]) for k, v in model.physical(z).items()}
+    np.testing.assert_allclose(answers(belief.model, belief.z[[7]], recording)[0], simulate(model, values, recording),
+                               rtol=1e-9, atol=1e-15)
