@@ -198,9 +198,9 @@ def _own_parameters(campaign: Campaign, model: Model, specimens: tuple[str, ...]
 
 
 def linearised(model: Model) -> Model:
-    """Hooke's law with the same network: where the search for a nonlinear law starts."""
-    network = f"+{model.spec.network}{model.spec.elements}" if model.spec.network != "none" else ""
-    linear = build_model(f"hooke{network}")
+    """The structure without effects, Hooke's law in place of a bent one: where the search for it starts."""
+    name = replace(model.spec, law=None if model.is_black_box else "hooke", effects=()).name
+    linear = build_model(name)
     own = {p.name: p for p in model.parameters}
     kept = {
         p.name: own[p.name].prior
@@ -210,7 +210,7 @@ def linearised(model: Model) -> Model:
         and own[p.name].prior.relative_to is None
         and own[p.name].prior.is_log
     }
-    return build_model(f"hooke{network}", kept)
+    return build_model(name, kept)
 
 
 def _disturbances(prepared: Sequence[Prepared]) -> list[str]:

@@ -33,7 +33,7 @@ def aligned(
     out, moved = dict(done), {}
     for name, d in done.items():
         model = built[name]
-        if model.spec.effects or model.is_black_box:
+        if model.spec.effects:
             continue
         simulated = reference_at(data.simulated(model, with_effects[0]), d.fit.x)
         by_recording = {

@@ -72,3 +72,19 @@ def test_scores_are_those_of_the_whole_model(effect):
     # what a chain without the effect would score is far off
     without = exact(build_model("hooke+gm1"), TRUTH, assembled.prepared, sd, offset_sd, group.gain_sd)
     assert without < expected[0] - 20.0
+
+
+@pytest.mark.parametrize(("spec", "effect"), [("pz3", "pz3+series_resistance"), ("ss3", "hooke+gm1+series_resistance"),
+                                              ("hooke+gm1", "pz3+series_resistance")])
+def test_black_boxes_and_effects_stand_on_one_footing(voltage_campaign, spec, effect):
+    """A structure without effects has the same likelihood by its sums and as models with effects are worked out."""
+    model, like = build_model(spec), build_model(effect)
+    data = common_data(voltage_campaign, [model, like])
+    assert data.assembled(like).search_model.name == effect.removesuffix("+series_resistance")
+    posterior = data.assembled(model).posterior
+    z = np.median(model.prior_draws(400, np.random.default_rng(1)), axis=0)
+    x = np.concatenate([z, posterior.noise_guess()])
+    x[model.dimension] += 3.0  # noise that hides what this draw misses
+    here = float(posterior.log_likelihood(x[None])[0])
+    there = float(reference_at(data.simulated(model, like), x).log_likelihood(x[None])[0])
+    assert there == pytest.approx(here, abs=0.01)
