@@ -19,7 +19,8 @@ def rest_s(belief: Belief, experiment: Experiment, costs: Costs, resolution_m: f
     """Seconds of rest that an experiment asks for: until what is left of the stroke stays below the limit.
 
     Worked out by the middle draw of the posterior, up to the longest rest of the costs. A model without memory needs
-    none; effects that never fade (drift, a set of friction) ask for the longest.
+    none; what never fades (a set of friction) asks for the longest. What the sensor adds by itself, driven or not
+    (mains, drift), is nothing that a rest could take away.
     """
     if costs.rest_s >= 0:
         return costs.rest_s
@@ -32,8 +33,9 @@ def rest_s(belief: Belief, experiment: Experiment, costs: Costs, resolution_m: f
     t = np.concatenate([r.time_s, r.time_s[-1] + longest * _ROWS])
     if experiment.channel == "displacement":
         values = np.concatenate([r.values, np.zeros(_ROWS.size)])
-        left = answers(belief.model, middle, as_recording(t, values, "voltage_V", experiment.limits))[0]
-        left = np.abs(left[r.time_s.size :])
+        driven, idle = (answers(belief.model, middle, as_recording(t, v, "voltage_V", experiment.limits))[0]
+                        for v in (values, np.zeros(t.size)))
+        left = np.abs(driven - idle)[r.time_s.size :]
     else:
         # after the plates let go, the strain that the branches hold back fades with the slowest time
         slow = slowest_s(belief)
