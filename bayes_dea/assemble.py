@@ -20,7 +20,8 @@ from .likelihood.linear_group import LinearGroup, build_linear_groups
 from .likelihood.plant_group import build_plant_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
 from .likelihood.prepare import Prepared, prepare_all, rate_classes, rested
-from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require
+from .models.electrostatics import VOLTAGE_GEOMETRY, require
+from .models.missing_drive import drive_values
 from .models.model import Model, build_model
 from .noise.edges import input_noise
 from .noise.limit import limit_warning
@@ -291,14 +292,14 @@ def _force_terms(
         # the systematic part of the position is the zero, a parameter of its own, and a gain like that of the force
         terms[p.name] = replace(own, gain_sd=float(np.hypot(own.gain_sd, carried.gain_sd)))
         # the recorded scatter is evidence, the stated one a promise
-        seen = input_noise(filled_input(p.recording.columns["position_m"]))
+        seen = input_noise(drive_values(p.recording))
         scatter[p.name] = (stiffness * seen) ** 2
     return terms, scatter
 
 
 def _stiffness(p: Prepared) -> float:
     """Largest force over the travel that goes with it, in N/m."""
-    x = kept(filled_input(p.recording.columns["position_m"]), p.observed)
+    x = kept(drive_values(p.recording), p.observed)
     low, high = quantiles(of(kept(p.y, p.observed)), [0.001, 0.999])
     return max((high - low) / max(float(x.max() - x.min()), 1e-9), 1e-9)
 
@@ -333,7 +334,7 @@ def _channel(
 
 
 def zero_prior(p: Prepared) -> ZeroPrior:
-    position = filled_input(p.recording.columns["position_m"])
+    position = drive_values(p.recording)
     height = p.recording.actuator.stack_height_m or 1.0
     sign = float(sign_of(kept(p.y, p.observed)))
     sd = _SLACK_SHARE * height

@@ -16,6 +16,7 @@ from .errors import InputError
 from .models.chain import forces, materials_of, strains
 from .models.electrostatics import VOLTAGE_GEOMETRY, filled_input, require, stroke_factor, voltage_drive
 from .models.lags import Drive, simulate_modes
+from .models.missing_drive import drive_values
 from .models.model import Model
 from .models.nodes import make_nodes, past_nodes
 from .models.path import Path, make_path
@@ -218,7 +219,7 @@ def imposed_position(recording: Recording) -> NDArray[np.float64]:
 def position_of(recording: Recording, imposed: Imposed | None) -> NDArray[np.float64]:
     """The same where its pieces are known already."""
     if imposed is None:
-        return filled_input(recording.columns["position_m"])
+        return drive_values(recording)
     return computed(imposed.straight.at, recording.time_s)
 
 
@@ -244,7 +245,7 @@ class Imposed:
 
 def imposed_pieces(recording: Recording) -> Imposed | None:
     """The position that drives a mechanical recording; None where its column has no scatter."""
-    position = filled_input(recording.columns["position_m"])
+    position = drive_values(recording)
     scatter = input_noise(position)
     if scatter <= 1e-7 * (float(position.max() - position.min()) or 1.0):
         return None

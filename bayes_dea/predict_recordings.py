@@ -23,6 +23,7 @@ from .likelihood.linear_group import LinearGroup, nuisance_sd
 from .likelihood.posterior import Posterior
 from .likelihood.prepare import Prepared
 from .models.electrostatics import voltage_drive
+from .models.missing_drive import drive_values
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .page_data import PageData, PageSettings, reduce_recording
 from .predict_blocks import Simulated, predict_blocks
@@ -361,7 +362,7 @@ def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDA
         k: float(v[0]) for k, v in posterior.model.physical(posterior.model_part(center, p.recording.specimen)).items()
     }
     height = p.recording.actuator.stack_height_m or 1.0
-    start = float(p.recording.columns["position_m"][0])
+    start = float(drive_values(p.recording)[0])
     good = p.observed
 
     def misfit(zero: float) -> float:

@@ -43,7 +43,8 @@ class _Gaps:
         many = times(self.count, "gap")
         text = f"{self.recording}: {self.column} has {many} in {self.size}, the first at {self.first}"
         if self.drives:
-            text += "; what drove the actuator there is not known. Fill them in if the command is known"
+            text += ("; what drove the actuator there is not known, and readings for which that matters do not count. "
+                     "Fill them in if the command is known")
         return text + "."
 
 

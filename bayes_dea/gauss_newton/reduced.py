@@ -22,7 +22,7 @@ from ..likelihood.linear_group import nuisance_sd
 from ..likelihood.plant_group import COMMAND_BLOCKS, Reading, averaging, enough_for, fewer, is_fine, read_at
 from ..likelihood.position_scatter import at_rest, stiffness
 from ..likelihood.prepare import Prepared
-from ..models.electrostatics import filled_input
+from ..models.missing_drive import drive_values
 from ..models.nodes import Nodes, make_nodes, past_nodes, rough_nodes
 from ..models.path import Path
 from ..models.plant import Plant
@@ -250,7 +250,7 @@ def _rough(p: Prepared, blocks: Blocks, nodes: Nodes, few: Reading | None) -> Re
 
 
 def _voltage_blocks(p: Prepared) -> Blocks:
-    u = filled_input(p.recording.columns["voltage_V"])
+    u = drive_values(p.recording)
     return log_blocks(p.recording.time_s, u, COMMAND_BLOCKS, y=p.y, mask=p.masked)
 
 
@@ -293,7 +293,7 @@ def _touching(p: Prepared) -> NDArray[np.bool_]:
 def _mechanical_piece(
     p: Prepared, group: int, rate: int, sd: Array, zero: int, accuracy_m: float | None = None
 ) -> Piece:
-    raw = filled_input(p.recording.columns["position_m"])
+    raw = drive_values(p.recording)
     imposed = imposed_pieces(p.recording)
     position = position_of(p.recording, imposed)
     if imposed is not None:

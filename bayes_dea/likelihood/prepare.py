@@ -15,7 +15,7 @@ from ..campaign.rhythm import reading_every, with_a_reading
 from ..campaign.schema import Campaign, Recording, Sensor
 from ..campaign.scratch import BLOCK, beside, computed, pieces
 from ..errors import InputError
-from ..models.electrostatics import filled_input
+from ..models.missing_drive import drive_values, driven
 from ..noise.stated import signal_size
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ class Prepared:
     """One recording with its masks and its disturbances.
 
     y (n,): observed column, NaN where not observed. observed (n,) bool: neither gap nor drop-out, nor a reading that a
-    sensor holds for a while (`stuck` of them), nor the first one of a recording that begins under voltage.
+    sensor holds for a while (`stuck` of them), nor one that answers a drive that was not recorded, nor the first one of
+    a recording that begins under voltage.
     """
 
     recording: Recording
@@ -142,13 +143,16 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
             f"{unit}, accuracy_{unit}, resolution_{unit}"
         )
     y = np.asarray(recording.columns[recording.output], float)
-    drive = filled_input(recording.columns["voltage_V" if recording.is_voltage else "position_m"])
+    course = driven(recording)
+    drive = course.values
     # drop-outs are a fault of laser sensors; a force that leaps for a sample may be real
     if channel == "displacement":
         dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
     else:
         dropouts = beside(y, np.bool_)
     observed = computed(lambda a, out: np.isfinite(a) & ~out, y, dropouts, dtype=np.bool_)
+    if course.unknown is not None:
+        observed = computed(lambda seen, out: seen & ~out, observed, course.unknown, dtype=np.bool_)
     if recording.is_voltage and begins_under_voltage(drive):
         observed[0] = False
     if np.count_nonzero(observed) < 20:
@@ -210,7 +214,7 @@ def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
         p = prepared[i]
         if mains is not None and mains is not p.mains:
             clean = computed(lambda a, seen: np.where(seen, a, np.nan), p.y, p.observed)
-            drive = filled_input(p.recording.columns["voltage_V"])
+            drive = drive_values(p.recording)
             known = p.mains.lines if p.mains is not None else ()
             read = p.recording.time_s, clean, drive
             mains = mains.with_lines(

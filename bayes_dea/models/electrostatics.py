@@ -14,6 +14,7 @@ from ..campaign.schema import Actuator, Recording
 from ..campaign.scratch import BLOCK, all_finite, beside, computed, pieces
 from ..errors import InputError
 from .lags import Drive, make_drive
+from .missing_drive import drive_values
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12  # F/m, CODATA 2018; 3.8542e-12 in the reference paper is a misprint
 VOLTAGE_GEOMETRY = ("layers", "layer_thickness_m", "relative_permittivity", "electrode_area_m2", "total_area_m2")
@@ -45,9 +46,9 @@ def _number(actuator: Actuator, name: str) -> float:
 
 
 def filled_input(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Input with NaN cells replaced by the last finite value before them (the first finite one at the start).
+    """A column with NaN cells replaced by the last finite value before them (the first finite one at the start).
 
-    A command is held until it changes; a cell that was not recorded says nothing else.
+    For what is looked at beside the drive; what drives a model is filled by `missing_drive.driven`.
     """
     if all_finite(values):
         return values
@@ -71,7 +72,7 @@ def filled_input(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def voltage_drive(recording: Recording) -> Drive:
     """Maxwell stress of a voltage recording (Pa) as a drive for the mechanical stage."""
     factor = stress_factor(recording.actuator)
-    V = filled_input(recording.columns["voltage_V"])
+    V = drive_values(recording)
     middle = None
     if recording.hold == "linear":
         middle = beside(V)

@@ -19,6 +19,7 @@ from ..campaign.schema import Recording
 from ..latest import Latest
 from .electrostatics import filled_input
 from .lags import even_step
+from .missing_drive import drive_values
 from .slow_lines import AHEAD, FINE, ROUGH, LineSettings, corners, slow_lines, turns
 from .steps import Steps
 
@@ -195,7 +196,7 @@ def rough_nodes(recording: Recording) -> Nodes:
 
 def _held_until(recording: Recording) -> NDArray[np.float64]:
     """The command (n,) V that acts until each row; with hold = "linear" the one at the row."""
-    volts = filled_input(np.asarray(recording.columns["voltage_V"], float))
+    volts = np.asarray(drive_values(recording), float)
     if recording.hold == "start":
         # what acts until a row is the command of the row before; before the first one nothing did
         volts = np.concatenate([[0.0], volts[:-1]])

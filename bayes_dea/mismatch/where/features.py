@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...gauss_newton.reduced import Piece
-from ...models.electrostatics import filled_input
+from ...models.missing_drive import drive_values
 from ...noise.blocks import block_means
 from ...noise.edges import find_edges
 
@@ -37,7 +37,7 @@ class Features:
 def features(piece: Piece) -> Features:
     """Features of a piece's blocks."""
     r = piece.recording
-    raw = filled_input(r.columns["voltage_V" if r.is_voltage else "position_m"])
+    raw = drive_values(r)
     edges = find_edges(raw)
     u = np.abs(raw) if r.is_voltage else raw
     t, b = r.time_s, piece.blocks

@@ -1,0 +1,109 @@
+"""What drove an actuator where its column has no number: the likeliest course, and the rows that must not count.
+
+A measured position, and a command that is straight between rows, are straight across a gap too: it is two rows further
+apart. A held command stood still where it was the same on both sides; where it was on its way at the same pace before
+and after, it went straight. Else it changed at an unknown moment: it is held to the end of the gap, as a command is
+until another is recorded, and no row counts until what such a moment may have left behind is gone (as in `live.sums`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..campaign.schema import Recording
+from ..campaign.scratch import all_finite, computed, kept, rows_where
+
+#: a course bends by less than this share of its range over a gap and as long before and after: it went straight
+_STRAIGHT = 0.02
+#: an unknown change within a gap up to this long (s) is over too soon to be seen after it
+_SHORT_S = 0.02
+#: what is left of an unknown stretch after this many times its length is below a part in thirty of its creep
+_FORGET = 10.0
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What drove a recording. values (n,): its column without gaps, V or m. unknown (n,): rows whose answer depends on
+    what nobody recorded; None where there are none."""
+
+    values: NDArray[np.float64]
+    unknown: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class _Gaps:
+    """Rows first ... stop - 1 (k,) without a number. still, lost (k,): the command stood still; the course is not
+    known. until_s (k,): when what a lost course left behind is gone."""
+
+    first: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    still: NDArray[np.bool_]
+    lost: NDArray[np.bool_]
+    until_s: NDArray[np.float64]
+
+
+def driven(recording: Recording) -> Driven:
+    """What drove a voltage or a mechanical recording, gaps filled; its column itself where it has none."""
+    is_voltage = not recording.is_mechanical
+    x, time = recording.columns["voltage_V" if is_voltage else "position_m"], recording.time_s
+    if all_finite(x):
+        return Driven(x)
+    known = computed(np.isfinite, x, dtype=np.bool_)
+    t_known, x_known = kept(time, known), kept(x, known)
+    values = computed(lambda t, v: np.where(np.isfinite(v), v, np.interp(t, t_known, x_known)), time, x)
+    unknown = computed(np.isnan, x, dtype=np.bool_)
+    held = is_voltage and recording.hold != "linear"
+    gaps = _gaps(time, known, t_known, x_known, is_voltage)
+    for a, b, still, lost, until in zip(gaps.first, gaps.stop, gaps.still, gaps.lost, gaps.until_s, strict=True):
+        if still:
+            unknown[a:b] = False
+        if lost:
+            if held and a > 0:
+                values[a:b] = x[a - 1]
+            unknown[b : np.searchsorted(time, until)] = True
+    if held and recording.hold == "start":
+        # a row's command acts after it: the reading of a gap's first row answers what is known, that after its last not
+        unknown[1:] = unknown[:-1].copy()
+        unknown[0] = False
+    return Driven(values, unknown)
+
+
+def drive_values(recording: Recording) -> NDArray[np.float64]:
+    """The column (n,) that drives a recording, V or m, gaps filled."""
+    return driven(recording).values
+
+
+def _gaps(time: NDArray, known: NDArray[np.bool_], t: NDArray, x: NDArray, is_voltage: bool) -> _Gaps:
+    n = known.size
+    edges = rows_where(np.not_equal, known[1:], known[:-1]) + 1
+    edges = np.concatenate([[] if known[0] else [0], edges, [] if known[-1] else [n]]).astype(np.int64)
+    first, stop = edges[::2], edges[1::2]
+    begin, end = time[np.maximum(first - 1, 0)], time[np.minimum(stop, n - 1)]
+    length = end - begin
+    # the readings beside a gap, and those beside them
+    right = np.minimum(np.searchsorted(t, begin, "right"), t.size - 1)
+    left = np.where(first > 0, np.maximum(right - 1, 0), right)
+    rise = x[right] - x[left]
+    # how far the line across the gap is off as long before it and after it, as far as was recorded
+    earlier, later = np.maximum(begin - length, t[0]), np.minimum(end + length, t[-1])
+    pace = rise / length
+    bend = np.maximum(
+        np.abs(np.interp(earlier, t, x) - (x[left] - pace * (begin - earlier))),
+        np.abs(np.interp(later, t, x) - (x[right] + pace * (later - end))),
+    )
+    inside = (first > 0) & (stop < n)
+    if is_voltage:
+        stood = (x[left] == x[np.maximum(left - 1, 0)]) | (x[right] == x[np.minimum(right + 1, x.size - 1)])
+        still = inside & (rise == 0.0) & stood
+        # before its first reading a command at nothing was at nothing
+        still |= (first == 0) & (x[0] == 0.0)
+    else:
+        still = np.zeros(first.size, dtype=np.bool_)
+    straight = bend <= _STRAIGHT * float(np.max(x) - np.min(x))
+    lost = inside & ~still & ~straight
+    if is_voltage:
+        lost |= (first == 0) & ~still & (stop < n)
+    return _Gaps(first, stop, still, lost, np.where(length > _SHORT_S, end + _FORGET * length, end))
