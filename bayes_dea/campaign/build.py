@@ -87,7 +87,8 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     places = list(where) if where is not None else [_row] * len(found)
     for i, recording in enumerate(found):
         collected += check_plausible(recording, sensors, places[i], strict=used["plausibility"] == "error")
-        earlier = [r for r in found[:i] if r.specimen == recording.specimen]
+        earlier = [r for r in found[:i] if r.specimen == recording.specimen
+                   and (r.is_voltage or not recording.is_voltage)]
         if not recording.rested and not earlier:
             raise InputError(f"{recording.name}: rested = false, but no recording of specimen "
                              f"{recording.specimen} stands above it whose memory it could carry. Put that "
@@ -96,6 +97,8 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
     collected += together + check_time_units(found) + gap_warnings(found, places)
+    if used["memory"] == "continued":
+        collected += _not_continued(found)
     if not any(r.role == "validate" for r in found) and len(found) > 1:
         collected.append('No recording has role = "validate": predictions cannot be checked on recordings '
                          'that no fit has seen. Set aside one or two.')
@@ -105,6 +108,17 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
         ambient=MappingProxyType(dict(ambient or {})), share=None if share is None else tuple(share),
         meta=MappingProxyType(dict(meta or {})), conventions=MappingProxyType(used), inputs=tuple(inputs),
         warnings=tuple(dict.fromkeys(collected)))
+
+
+def _not_continued(recordings: Sequence[Recording]) -> list[str]:
+    """A line on mechanical recordings that memory = "continued" says nothing to; none without any."""
+    names = [r.name for r in recordings if r.is_mechanical and r.rested]
+    if not names:
+        return []
+    begin = "begins" if len(names) == 1 else "begin"
+    return [f'memory = "continued" concerns voltage recordings: {", ".join(names)} {begin} rested, because nobody '
+            "recorded what the specimen did out of contact before. If it had not rested, join the mechanical "
+            "recordings into one file."]
 
 
 def _row(k: int) -> str:

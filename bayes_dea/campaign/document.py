@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_dea.campaign.format_map import FormatMap, parse_format
-from bayes_dea.campaign.schema import HOLDS, KINDS, ROLES, Actuator, Sensor
+from bayes_dea.campaign.schema import HOLDS, KINDS, ROLES, VOLTAGE_KINDS, Actuator, Sensor
 from bayes_dea.campaign.settings import (
     boolean,
     check_keys,
@@ -123,10 +123,16 @@ def _share(given: object, label: str) -> tuple[str, ...] | None:
 
 
 def _continued(entries: tuple[Entry, ...], given: list[Mapping[str, Any]]) -> tuple[Entry, ...]:
-    """Every recording carries on from the one above of its specimen, unless it says itself."""
+    """Every recording that can carries on from the last such one of its specimen, unless it says itself.
+
+    Of mechanical ones nobody recorded what the specimen did in between, out of contact: they begin rested.
+    """
     seen: set[str | None] = set()
     out = []
     for entry, table_ in zip(entries, given, strict=True):
+        if entry.kind in KINDS and entry.kind not in VOLTAGE_KINDS:
+            out.append(entry)
+            continue
         first = entry.specimen not in seen
         seen.add(entry.specimen)
         out.append(entry if first or "rested" in table_ else replace(entry, rested=False))

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_dea.campaign.columns import to_si
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
-from bayes_dea.campaign.schema import Actuator
+from bayes_dea.campaign.schema import VOLTAGE_KINDS, Actuator
 from bayes_dea.campaign.units import SI_SUFFIXES, suffix
 from bayes_dea.importing.ask import Asker, nobody
 from bayes_dea.importing.families import Family, find_family
@@ -379,6 +379,13 @@ def _build(
                 f"hold = linear: the voltage scatters by {noise:.2g} V, so it is a reading taken together with the "
                 "answer, not a command"
             )
+    goes_on = part.continued and shape.kind in VOLTAGE_KINDS
+    if part.continued and not goes_on:
+        book.assume(
+            f"{name or table.label}: taken to begin rested, although its times go on {part.rest_s:.4g} s after the "
+            "recording above: what the specimen did between the two nobody recorded. If it had not rested, join them "
+            "into one file."
+        )
     rate, even = rate_of(t) if "time_s" in columns and t.size > 1 else (0.0, False)
     duration = float(t[-1] - t[0]) if t.size else 0.0
     noises = {
@@ -396,8 +403,8 @@ def _build(
         even,
         duration,
         hold,
-        not part.continued,
-        part.rest_s if part.continued else None,
+        not goes_on,
+        part.rest_s if goes_on else None,
         (),
         usable,
         MappingProxyType(noises),

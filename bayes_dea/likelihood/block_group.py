@@ -409,7 +409,7 @@ def build_block_groups(
         if r.is_mechanical and not r.rested:
             raise InputError(
                 f"{r.name}: rested = false is possible for voltage recordings only; join the mechanical "
-                "recordings into one file, or let the specimen rest"
+                "recordings into one file, or let the specimen rest and take rested out"
             )
     groups = []
     for specimen in sorted({p.recording.specimen for p in prepared}):

@@ -40,7 +40,10 @@ _WORDS = {
         {"stack_height": "travel after contact / stack height", "layers": "travel after contact / active height"},
     ),
     "stress": ("Stress", {"true": "true stress (incompressible)", "nominal": "nominal stress"}),
-    "memory": ("Memory between recordings", {"rested": "each starts rested", "continued": "carried on"}),
+    "memory": (
+        "Memory between recordings",
+        {"rested": "each starts rested", "continued": "voltage recordings carry on, mechanical ones start rested"},
+    ),
     "fluctuation": ("Stated fluctuation", {"statement": "a prior; the recordings decide", "fixed": "taken as it is"}),
     "claim_below_resolution": ("Effects below one resolution step", {"no": "not claimed", "yes": "claimed"}),
     "mains": ("Mains", {"in_noise": "part of the noise model", "ignored": "ignored"}),

@@ -177,6 +177,31 @@ def test_memory_may_be_continued_throughout(folder, data, as_csv):
     assert campaign.conventions["memory"] == "continued"
 
 
+def test_memory_is_continued_by_voltage_recordings_only(folder, data, as_csv):
+    """A compression is neither the first of a chain nor a part of it, and that is said."""
+    files = {"press.csv": as_csv(pressed(1)), "a.csv": as_csv(data(seed=1)), "again.csv": as_csv(pressed(2)),
+             "b.csv": as_csv(data(seed=2))}
+    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "{"creep" if len(f) == 5 else "compression"}"\n'
+                         for f in files)
+    campaign = load_campaign(folder('[conventions]\nmemory = "continued"\n' + recordings, files))
+    assert [r.rested for r in campaign.recordings] == [True, True, True, False]
+    assert any(w.startswith('memory = "continued" concerns voltage recordings: press.csv, again.csv begin rested')
+               for w in campaign.warnings)
+    campaign = load_campaign(folder(recordings, files, name="rested"))
+    assert not any("continued" in w for w in campaign.warnings)
+    alone = recordings.replace('"a.csv"\nkind = "creep"', '"a.csv"\nkind = "creep"\nrested = false')
+    with pytest.raises(InputError, match="rested = false, but no recording of specimen A stands above"):
+        load_campaign(folder(alone, files, name="alone"))
+
+
+def pressed(seed):
+    """Columns of 1 mm in and out in 10 s."""
+    t = np.arange(200) / 20.0
+    x = 1e-3 * (1.0 - np.abs(t / 5.0 - 1.0))
+    return {"time_s": t, "position_m": x,
+            "force_N": 12e3 * x + 2e-3 * np.random.default_rng(seed).standard_normal(200)}
+
+
 def test_several_folders_are_specimens_of_one_campaign(folder, data, as_csv):
     head = '[sensor.displacement]\nfluctuation_m = 2e-6\n[actuator]\nstack_height_m = 11e-3\n'
     one = folder(CREEP, name="one")

@@ -154,6 +154,22 @@ def test_copy_needs_no_data_root(tmp_path):
     assert sum(r.n for r in recordings) == case.files[0].read_text().count("\n") - 1  # no row is lost or doubled
 
 
+def test_two_runs_of_compression_begin_rested_each(tmp_path):
+    """What the specimen did between them, out of contact, nobody recorded: a fit refuses to carry memory across."""
+    t = 0.05 * np.arange(800)
+    x = 1e-3 * (1.0 - np.abs((t % 20.0) / 10.0 - 1.0))
+    noise = 2e-3 * np.random.default_rng(1).standard_normal(t.size)
+    rows = zip(t, x, 12e3 * x + noise, 1 + (t >= 20.0), strict=True)
+    text = "time_s,position_m,force_N,run\n" + "\n".join(f"{a:.6g},{b:.6g},{c:.6g},{d}" for a, b, c, d in rows)
+    (tmp_path / "press.csv").write_text(text + "\n")
+    import_files([tmp_path / "press.csv"], tmp_path / "c", copy=True)
+    recordings = load_campaign(tmp_path / "c").recordings
+    assert [(r.kind, r.n, r.rested) for r in recordings] == [("compression", 400, True), ("compression", 400, True)]
+    written = (tmp_path / "c" / "campaign.toml").read_text()
+    assert "rested = false" not in written
+    assert "taken to begin rested, although its times go on 0.05 s after" in " ".join(written.replace("#", " ").split())
+
+
 def test_an_earlier_campaign_is_left_alone(command, tmp_path):
     case = made("no_header", tmp_path)
     (tmp_path / "c").mkdir()
