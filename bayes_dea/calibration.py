@@ -28,7 +28,7 @@ from .models.chain import maxwell_form
 from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
-from .quantities import contraction, gain_name, reported_quantities, statistics, to_converge
+from .quantities import contraction, gain_name, model_names, reported_quantities, statistics, to_converge
 from .reuse import KEY, describe, seen
 from .sampling import Report, sample_posterior, thinned
 from .settings import CalibrationSettings
@@ -360,8 +360,7 @@ def _summary(
     clock: _Clock,
 ) -> dict[str, Any]:
     at = to_converge(posterior, found.x[None])
-    base_names = set(model.reported(posterior.model_part(found.x[None])))
-    at_map = {name: v for name, v in at.items() if name in base_names or name.rsplit("_", 1)[0] in base_names}
+    called = model_names(posterior, at)
     units = model.units()
     parameters: dict[str, Any] = {}
     noise: dict[str, Any] = {}
@@ -373,19 +372,18 @@ def _summary(
             "ess_tail": sampling.ess_tail.get(name),
         }
 
-    for name in at_map:
+    for name, base in called.items():
         v = quantities[name]
-        base = name if name in units else name.rsplit("_", 1)[0]
         positive = bool(np.all(v > 0) and np.all(prior[base] > 0))
         parameters[name] = {
             **statistics(v),
             "unit": units[base],
-            "map": float(at_map[name][0]),
+            "map": float(at[name][0]),
             **health(name),
             "contraction": contraction(v, prior[base], positive),
         }
     for name, v in quantities.items():
-        if name in at_map:
+        if name in called:
             continue
         unit = "1"
         if name.startswith(("sigma_", "zero_")):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +24,17 @@ def reported_quantities(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:
     out |= posterior.noise_quantities(q)
     zeros = posterior.zeros_part(q)
     return out | {z.name: zeros[z.recording] for z in posterior.zeros}
+
+
+def model_names(posterior: Posterior, reported: Iterable[str]) -> dict[str, str]:
+    """The reported names that are parameters, of every specimen, and what the model calls each: Y_Pa of Y_Pa_B.
+
+    reported: as `reported_quantities` names them. A specimen may have any name, such as "no_2".
+    """
+    known = posterior.model.units()
+    own = {f"{base}_{s}": base for base in known for s in (posterior.specimens[1:] if posterior.own else ())}
+    out = {name: name if name in known else own.get(name) for name in reported}
+    return {name: base for name, base in out.items() if base is not None}
 
 
 def to_converge(posterior: Posterior, q: NDArray) -> dict[str, NDArray]:

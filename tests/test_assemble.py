@@ -20,6 +20,7 @@ from bayes_dea.likelihood.linear_group import LinearGroup
 from bayes_dea.models.model import build_model
 from bayes_dea.predict_recordings import conditional_gain
 from bayes_dea.priors import Prior
+from bayes_dea.quantities import model_names, to_converge
 
 MATERIAL = Material(1.2e6, (70e3, 60e3), (20.0, 1.0))
 TRUTH = {"Y_Pa": 1.2e6, "k_1_Pa": 70e3, "k_2_Pa": 60e3, "tau_1_s": 20.0, "tau_2_s": 1.0}
@@ -146,6 +147,18 @@ def test_a_specimen_with_parameters_of_its_own_needs_a_recording_to_identify(eve
     campaign = replace(of_specimen_b(everything, "kept.csv"), share=("Y_Pa",))
     with pytest.raises(InputError, match=r"kept.csv: specimen B has parameters of its own .* no recording to identify"):
         assemble(campaign, build_model("hooke+gm2"))
+
+
+def test_parameters_of_a_specimen_of_any_name_are_parameters(everything):
+    """Of "no_2" they were listed as noise, without their unit."""
+    moved = (replace(r, specimen="no_2") if r.name == "sine.csv" else r for r in everything.recordings)
+    campaign = replace(everything, recordings=tuple(moved), share=("k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s"))
+    posterior = assemble(campaign, build_model("hooke+gm2")).posterior
+    q = posterior.prior_draws(2, np.random.default_rng(1))
+    at = to_converge(posterior, q)
+    names = ["Y_Pa", "k_1_Pa", "k_2_Pa", "tau_1_s", "tau_2_s"]
+    assert model_names(posterior, at) == {name: name for name in names} | {"Y_Pa_no_2": "Y_Pa"}
+    assert {"gain_displacement_no_2", "gain_force_A", "sigma_displacement_m", "zero_relax_m"} < set(at)
 
 
 def test_disturbances_are_found_and_said():

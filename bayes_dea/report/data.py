@@ -132,8 +132,10 @@ def rmse_of(entry: Mapping[str, Any]) -> tuple[float | None, str]:
 
 def specimen_of(name: str, known: Mapping[str, Any]) -> tuple[str, str]:
     """Name of a parameter as the model has it, and the specimen whose own it is: ``Y_Pa_B`` is Y_Pa of B."""
-    base, _, specimen = name.rpartition("_")
-    return (base, specimen) if name not in known and base in known else (name, "")
+    # a specimen may be called "no_2"
+    bases = [] if name in known else [base for base in known if name.startswith(f"{base}_")]
+    base = max(bases, key=len, default=name)
+    return base, name[len(base) + 1 :]
 
 
 def read_summary(folder: Path) -> dict[str, Any]:

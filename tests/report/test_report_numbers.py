@@ -112,6 +112,7 @@ def test_parameters_of_a_specimen_of_its_own() -> None:
     known = {"Y_Pa": {"label": "$Y$"}, "tau_1_s": {}}
     assert specimen_of("Y_Pa", known) == ("Y_Pa", "")
     assert specimen_of("Y_Pa_B", known) == ("Y_Pa", "B")
+    assert specimen_of("Y_Pa_no_2", known) == ("Y_Pa", "no_2")
     assert specimen_of("gain_displacement", known) == ("gain_displacement", "")
     draws = {"Y_Pa_B": np.ones((2, 3))}
     data = ResultData(
