@@ -18,6 +18,7 @@ from bayes_dea.campaign.settings import check_geometry, choice, parse_convention
 from bayes_dea.campaign.specimens import check_specimens
 from bayes_dea.campaign.statements import check_statements
 from bayes_dea.campaign.time_units import check_time_units
+from bayes_dea.campaign.unused import unused_warnings
 from bayes_dea.campaign.vocabulary import COLUMNS
 from bayes_dea.errors import InputError
 
@@ -97,6 +98,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
     collected += together + check_time_units(found) + gap_warnings(found, places)
+    collected += unused_warnings(found, sensors or {})
     if used["memory"] == "continued":
         collected += _not_continued(found)
     if not any(r.role == "validate" for r in found) and len(found) > 1:

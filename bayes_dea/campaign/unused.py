@@ -74,7 +74,9 @@ def _both(u: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.fl
 
 
 def _voltages(recordings: Sequence[Recording], sensor: Sensor | None) -> list[str]:
-    own = [r for r in recordings if r.is_voltage and "measured_voltage_V" in r.columns]
+    own = [r for r in recordings if r.is_voltage and "measured_voltage_V" in r.columns
+           # not where it was mapped to the drive
+           and not np.array_equal(r.columns["voltage_V"], r.columns["measured_voltage_V"], equal_nan=True)]
     found = [(r.name, s) for r in own if (s := supplied(r)) is not None]
     if not found:
         return []

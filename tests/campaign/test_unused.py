@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_dea.campaign import Actuator, Sensor, campaign_from_recordings, recording_from_arrays
+from bayes_dea.campaign import Actuator, Sensor, campaign_from_recordings, load_campaign, recording_from_arrays
 from bayes_dea.campaign.unused import supplied, unused_warnings
 
 REFERENCE = Actuator("reference", 399, 25e-6, 2.8, 7.5602e-5, 1.145e-4, 10.261e-3, max_voltage_V=1200)
@@ -53,7 +53,7 @@ def test_gaps_a_constant_command_and_a_command_from_its_row_on():
     (None, lambda V, rng: 0.99 * V, "states nothing to judge it by; it differs from the command by gain 0.99 (b)"),
 ])
 def test_by_how_much_it_differs_is_said_where_it_is_more_than_stated(sensor, measured, said):
-    recordings = [driven(lambda V, rng: V, "a"), driven(measured, "b", seed=2), driven(None, "c", seed=3)]
+    recordings = [driven(lambda V, rng: V + 0.5, "a"), driven(measured, "b", seed=2), driven(None, "c", seed=3)]
     (line,) = unused_warnings(recordings, {} if sensor is None else {"voltage": sensor})
     assert line.startswith("measured_voltage_V (a, b) was read, but no model uses it: the command voltage_V drives")
     assert said in line
@@ -66,3 +66,16 @@ def test_a_payload_is_said_with_its_weight():
     # 0.981 N on 1.145e-4 m^2
     assert line.startswith("payload_kg = 0.1 (b) is not used by any model. Its weight (0.981 N, 8.57 kPa ")
     assert unused_warnings([driven(None)], {}) == []
+
+
+def test_the_remedy_that_is_named_works(folder, as_csv, data):
+    columns = data()
+    columns["measured_voltage_V"] = 0.97 * columns["voltage_V"]
+    recording = '[[recording]]\nfile = "creep.csv"\nkind = "creep"\n'
+    files = {"creep.csv": as_csv(columns)}
+    (line,) = load_campaign(folder(recording, files)).warnings
+    assert 'set columns.voltage_V = "measured_voltage_V" in [format] and hold = "linear"' in line
+    mapped = 'hold = "linear"\nformat.columns.voltage_V = "measured_voltage_V"\n'
+    campaign = load_campaign(folder(recording + mapped, files, name="mapped"))
+    np.testing.assert_allclose(campaign.recordings[0].columns["voltage_V"], columns["measured_voltage_V"], rtol=1e-8)
+    assert campaign.warnings == ()
