@@ -12,6 +12,7 @@ from bayes_dea.campaign.vocabulary import (
     ACTUATOR_KEYS,
     AMBIENT_KEYS,
     CONVENTIONS,
+    NOT_AVAILABLE,
     SENSOR_STATEMENTS,
     SENSOR_UNITS,
     did_you_mean,
@@ -172,12 +173,17 @@ def choice(value: object, allowed: Collection[str], what: str) -> str:
 def parse_conventions(given: object, where: str, hold: object = None) -> dict[str, str]:
     """All conventions in force: the defaults, `[conventions]` and the top-level `hold`.
 
-    Raises InputError for unknown keys or words, and where `hold` is said twice differently.
+    Raises InputError for unknown keys or words, for those that are not available, and where `hold` is said twice
+    differently.
     """
     content = table(given, f"{where}, [conventions]")
     check_keys(content, CONVENTIONS, f"{where}, [conventions]")
     used = {key: allowed[0] for key, allowed in CONVENTIONS.items()}
     for key, value in content.items():
+        instead = NOT_AVAILABLE.get((key, str(value)))
+        if instead is not None:
+            raise InputError(f'{where}, [conventions]: the convention {key} = "{value}" is not available; take the '
+                             f'line out, or write "{used[key]}". {instead}')
         used[key] = choice(value, CONVENTIONS[key], f"{where}, [conventions]: {key}")
     if hold is not None:
         chosen = choice(hold, CONVENTIONS["hold"], f"{where}: hold")

@@ -46,15 +46,28 @@ SENSOR_UNITS = {"displacement": "m", "force": "N", "position": "m", "voltage": "
 #: [conventions]: allowed values, the default first
 CONVENTIONS: dict[str, tuple[str, ...]] = {
     "hold": HOLDS,
-    "residuals": ("after_offset_and_gain", "raw"),
-    "voltage_strain": ("layers", "stack_height"),
-    "mechanical_strain": ("stack_height", "layers"),
-    "stress": ("true", "nominal"),
+    "residuals": ("after_offset_and_gain",),
+    "voltage_strain": ("layers",),
+    "mechanical_strain": ("stack_height",),
+    "stress": ("true",),
     "memory": ("rested", "continued"),
-    "fluctuation": ("statement", "fixed"),
-    "claim_below_resolution": ("no", "yes"),
-    "mains": ("in_noise", "ignored"),
+    "fluctuation": ("statement",),
+    "claim_below_resolution": ("no",),
+    "mains": ("in_noise",),
     "plausibility": ("error", "warn"),
+}
+#: what one may want instead and is not available, with what comes nearest to it
+NOT_AVAILABLE: dict[tuple[str, str], str] = {
+    ("residuals", "raw"): "The raw RMSE of every recording stands beside the one after offset and gain (rmse_raw).",
+    ("voltage_strain", "stack_height"): "Of voltage recordings alone, moduli by the stack's height are those reported "
+                                        "times stack_height_m / (layers x layer_thickness_m).",
+    ("mechanical_strain", "layers"): "For that strain write the active height, layers x layer_thickness_m, as "
+                                     "stack_height_m.",
+    ("stress", "nominal"): "Stresses are true ones; a nominal one is the true one divided by lambda.",
+    ("fluctuation", "fixed"): "The recordings decide how large the noise is; what they found stands under noise.",
+    ("claim_below_resolution", "yes"): "What lies below one resolution step is not claimed; where resolution is better "
+                                       "than stated, correct it in [sensor.displacement].",
+    ("mains", "ignored"): "Where no mains line is found none is taken out.",
 }
 
 

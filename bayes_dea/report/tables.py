@@ -25,28 +25,18 @@ _WORDS = {
         },
     ),
     "residuals": (
-        "Residuals, RMSE, coverage",
-        {
-            "after_offset_and_gain": "after the recording's own offset and gain",
-            "raw": "as recorded, without offset and gain",
-        },
+        "Residuals, RMSE, coverage", {"after_offset_and_gain": "after the recording's own offset and gain"}
     ),
-    "voltage_strain": (
-        "Strain of voltage recordings",
-        {"layers": "displacement / (layers × layer thickness)", "stack_height": "displacement / stack height"},
-    ),
-    "mechanical_strain": (
-        "Strain of mechanical recordings",
-        {"stack_height": "travel after contact / stack height", "layers": "travel after contact / active height"},
-    ),
-    "stress": ("Stress", {"true": "true stress (incompressible)", "nominal": "nominal stress"}),
+    "voltage_strain": ("Strain of voltage recordings", {"layers": "displacement / (layers × layer thickness)"}),
+    "mechanical_strain": ("Strain of mechanical recordings", {"stack_height": "travel after contact / stack height"}),
+    "stress": ("Stress", {"true": "true stress (incompressible)"}),
     "memory": (
         "Memory between recordings",
         {"rested": "each starts rested", "continued": "voltage recordings carry on, mechanical ones start rested"},
     ),
-    "fluctuation": ("Stated fluctuation", {"statement": "a prior; the recordings decide", "fixed": "taken as it is"}),
-    "claim_below_resolution": ("Effects below one resolution step", {"no": "not claimed", "yes": "claimed"}),
-    "mains": ("Mains", {"in_noise": "part of the noise model", "ignored": "ignored"}),
+    "fluctuation": ("Stated fluctuation", {"statement": "a prior; the recordings decide"}),
+    "claim_below_resolution": ("Effects below one resolution step", {"no": "not claimed"}),
+    "mains": ("Mains", {"in_noise": "part of the noise model"}),
     "plausibility": ("Implausible values", {"error": "refused", "warn": "warned about"}),
 }
 _PHASES = {

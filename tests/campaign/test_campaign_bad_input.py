@@ -67,6 +67,7 @@ def test_no_campaign(tmp_path, folder):
     ('hold = "begin"\n' + CREEP, "hold = 'begin' is not known"),
     ('hold = "start"\n[conventions]\nhold = "end"\n' + CREEP, "Keep one"),
     ('[conventions]\nhodl = "end"\n' + CREEP, 'unknown key "hodl". Did you mean "hold"'),
+    ('[conventions]\nmains = ["ignored"]\n' + CREEP, r"mains = \['ignored'\] is not known"),
     ('[[recording]]\nkind = "creep"\n', "recording 1: file is missing"),
     ('[[recording]]\nfile = "creep.csv"\n', "kind is missing"),
     ('[[recording]]\nfile = "creep.csv"\nkind = "crep"\n', 'unknown kind "crep". Did you mean "creep"'),

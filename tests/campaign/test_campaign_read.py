@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bayes_dea.campaign import Sensor, load_campaign, require_geometry, require_sensor
+from bayes_dea.campaign.vocabulary import CONVENTIONS, NOT_AVAILABLE
 from bayes_dea.errors import InputError
 
 CREEP = '[[recording]]\nfile = "creep.csv"\nkind = "creep"\n'
@@ -181,6 +182,17 @@ def test_memory_may_be_continued_throughout(folder, data, as_csv):
     assert campaign.conventions["memory"] == "continued"
 
 
+@pytest.mark.parametrize(("key", "value"), list(NOT_AVAILABLE))
+def test_a_convention_that_changes_nothing_is_not_taken(folder, key, value):
+    """They were accepted and printed as used, and the results were the same."""
+    told = rf'\[conventions\]: the convention {key} = "{value}" is not available; take the line out, or write "'
+    with pytest.raises(InputError, match=told) as refused:
+        load_campaign(folder(f'[conventions]\n{key} = "{value}"\n{CREEP}'))
+    (used,) = CONVENTIONS[key]
+    assert f'write "{used}"' in str(refused.value)
+    assert load_campaign(folder(f'[conventions]\n{key} = "{used}"\n{CREEP}')).conventions[key] == used
+
+
 def test_memory_is_continued_by_voltage_recordings_only(folder, data, as_csv):
     """A compression is neither the first of a chain nor a part of it, and that is said."""
     files = {"press.csv": as_csv(pressed(1)), "a.csv": as_csv(data(seed=1)), "again.csv": as_csv(pressed(2)),
@@ -221,6 +233,9 @@ def test_several_folders_are_specimens_of_one_campaign(folder, data, as_csv):
         load_campaign([one, one])
     (two / "campaign.toml").write_text('[conventions]\nstress = "nominal"\n' + CREEP)
     with pytest.raises(InputError, match="convention stress"):
+        load_campaign([one, two])
+    (two / "campaign.toml").write_text('[conventions]\nmemory = "continued"\n' + CREEP)
+    with pytest.raises(InputError, match="convention memory"):
         load_campaign([one, two])
 
 
