@@ -162,7 +162,8 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         )
     clean = computed(lambda a, seen: np.where(seen, a, np.nan), y, observed)
     mains = find_mains(clean, recording.time_s, drive)
-    quiet = quiet_noise(clean, drive, recording.time_s, lines_Hz=_lines_Hz(mains))
+    unseen = computed(np.logical_not, observed, dtype=np.bool_)
+    quiet = quiet_noise(y, drive, recording.time_s, mask=unseen, lines_Hz=_lines_Hz(mains))
     held = 0
     if channel == "displacement":
         stuck = beside(y, np.bool_)
@@ -221,7 +222,8 @@ def _with_site_lines(prepared: list[Prepared]) -> tuple[Prepared, ...]:
                 line if line in known else in_this_recording(line, frequencies(found, mains.base_Hz, line), *read)
                 for line in mains.lines
             )
-            quiet = quiet_noise(clean, drive, p.recording.time_s, lines_Hz=_lines_Hz(mains))
+            unseen = computed(np.logical_not, p.observed, dtype=np.bool_)
+            quiet = quiet_noise(p.y, drive, p.recording.time_s, mask=unseen, lines_Hz=_lines_Hz(mains))
             prepared[i] = replace(p, mains=mains, quiet_sd=quiet.sd, quiet_rho=quiet.rho, quiet_n=quiet.n)
     return tuple(prepared)
 

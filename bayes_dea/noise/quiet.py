@@ -11,13 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from bayes_dea.campaign.order import median
 from bayes_dea.campaign.pace import pace_of
 from bayes_dea.campaign.rhythm import with_a_reading
-from bayes_dea.campaign.scratch import BLOCK, computed, kept, pieces
+from bayes_dea.campaign.scratch import BLOCK, beside, computed, copied, kept, pieces
 from bayes_dea.noise.edges import input_noise
 
 from ..compiled import njit
 
 Array = NDArray[np.float64]
 LAGS = 20
+#: missing readings in a row that are bridged, and the share of a window's rows that has to be read all the same
+_BRIDGED, _READ = 8, 0.5
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     Stretches of constant input, from `settle_s` (and at least one window) after its last change on, are
     cut into windows of 256, 128 or 64 samples; a parabola is taken off each, so that creep does not count, and what
     swings at `lines_Hz`.
-    Readings beyond five robust sds (MAD) of their window are bridged, and windows of more than six
+    Up to 8 missing readings in a row, drop-outs or gaps, end no stretch: they are bridged for the parabola and do not
+    count. Readings beyond five robust sds (MAD) of their window are bridged, and windows of more than six
     times the median variance left out. What is taken off is given back to the autocovariance, exactly for
     an AR(1) process. Mains raises it: name its lines.
 
@@ -57,14 +60,10 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     t = np.asarray(time_s, dtype=float)
     read = with_a_reading(values)
     values, drive, t = values[read], drive[read], t[read]
-    good = computed(lambda a, b, c: np.isfinite(a) & np.isfinite(b) & np.isfinite(c), values, drive, t, dtype=np.bool_)
-    if mask is not None:
-        masked = np.asarray(mask, dtype=bool)[read]
-        # drop-outs are bridged: one missing reading must not end a stretch
-        if masked.any() and (good & ~masked).any():
-            rows = np.arange(values.size)
-            use = good & ~masked
-            values = np.where(masked & good, np.interp(rows, rows[use], values[use]), values)
+    masked = beside(values, np.bool_) if mask is None else np.asarray(mask, dtype=bool)[read]
+    known = computed(lambda b, c: np.isfinite(b) & np.isfinite(c), drive, t, dtype=np.bool_)
+    good = computed(lambda a, k, m: np.isfinite(a) & k & ~m, values, known, masked, dtype=np.bool_)
+    lost = computed(lambda k, g: k & ~g, known, good, dtype=np.bool_)
     pace = pace_of(kept(t, good))
     if pace.slow:
         # rows at a slower pace are correlated otherwise
@@ -75,11 +74,35 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     step = pace.step_s
     tolerance = stillness(finite)
     settle = round(settle_s / step) if step > 0 else 0
+    whole, filled = good, values
+    if lost.any():
+        whole, filled = copied(good), copied(values)
+        _bridge(filled, whole, drive, lost, tolerance, _BRIDGED)
     for width in (256, 128, 64):
-        starts = still_windows(drive, good, tolerance, width, max(settle, width))
+        starts = still_windows(drive, whole, tolerance, width, max(settle, width))
+        if whole is not good:
+            starts = starts[np.array([np.mean(good[k : k + width]) >= _READ for k in starts], dtype=np.bool_)]
         if starts.size >= 8 or (width == 64 and starts.size):
-            return _from_windows(values, starts, width, [2 * np.pi * f * step for f in lines_Hz])
+            return _from_windows(filled, good, starts, width, [2 * np.pi * f * step for f in lines_Hz])
     return _without_rest(kept(values, good))
+
+
+@njit(cache=True)
+def _bridge(y, good, u, lost, tolerance, most):
+    """Straight over runs of up to `most` lost rows, in place, where u (n,) stands still; they are good then."""
+    i = 1
+    while i < y.size:
+        if not lost[i] or not good[i - 1]:
+            i += 1
+            continue
+        j = i + 1
+        while j < y.size and lost[j]:
+            j += 1
+        if j < y.size and good[j] and j - i <= most and u[i - 1 : j + 1].max() - u[i - 1 : j + 1].min() <= tolerance:
+            for k in range(i, j):
+                y[k] = y[i - 1] + (y[j] - y[i - 1]) * (k - i + 1) / (j - i + 1)
+                good[k] = True
+        i = j
 
 
 def stillness(u: Array) -> float:
@@ -119,14 +142,17 @@ def still_windows(u, good, tolerance, width, settle):
     return out[:k].copy()
 
 
-def _from_windows(y: Array, starts: NDArray[np.int64], width: int, lines: Sequence[float] = ()) -> QuietNoise:
-    """lines: angles from sample to sample of what is taken off each window beside a parabola."""
+def _from_windows(
+    y: Array, good: NDArray[np.bool_], starts: NDArray[np.int64], width: int, lines: Sequence[float] = ()
+) -> QuietNoise:
+    """good (n,): rows that count. lines: angles from sample to sample of what is taken off each window beside a
+    parabola."""
     if starts.size > 4000:  # a million samples say enough
         starts = starts[np.linspace(0, starts.size - 1, 4000).astype(int)]
     x = np.linspace(-1, 1, width)
     angles = np.arange(width) * np.array(lines)[:, None]
     basis, _ = np.linalg.qr(np.stack([np.ones(width), x, x * x, *np.cos(angles), *np.sin(angles)], axis=1))
-    rows = y[starts[:, None] + np.arange(width)]
+    rows, read = y[starts[:, None] + np.arange(width)], good[starts[:, None] + np.arange(width)]
     rows = rows - rows[:, :1]  # keeps digits of small noise on a large offset
     residual = rows - (rows @ basis) @ basis.T
     size = np.abs(residual)
@@ -140,14 +166,16 @@ def _from_windows(y: Array, starts: NDArray[np.int64], width: int, lines: Sequen
         rows = np.where(gone, np.interp(at, at[~gone], flat[~gone]), flat).reshape(rows.shape)
         residual = rows - (rows @ basis) @ basis.T
         out = np.abs(residual) > 5 * scale
-    variance = np.mean(residual**2, axis=1)
+    residual[~read] = 0.0
+    variance = np.sum(residual**2, axis=1) / np.sum(read, axis=1)
     # without windows in which something happened; a trimmed mean would be biased: windows of
     # correlated noise hold few independent values
-    keep = residual[variance <= 6 * float(np.median(variance))]
-    used = [float(np.mean(keep[:, :width - k] * keep[:, k:])) for k in range(LAGS + 1)]
-    observed = np.array(used)
+    calm = variance <= 6 * float(np.median(variance))
+    keep, read = residual[calm], read[calm]
+    pairs = [max(int(np.count_nonzero(read[:, :width - k] & read[:, k:])), 1) for k in range(LAGS + 1)]
+    observed = np.array([float(np.sum(keep[:, :width - k] * keep[:, k:])) / pairs[k] for k in range(LAGS + 1)])
     if not observed[0] > 0:
-        return QuietNoise(0.0, 0.0, np.r_[1.0, np.zeros(LAGS)], keep.size,
+        return QuietNoise(0.0, 0.0, np.r_[1.0, np.zeros(LAGS)], pairs[0],
                           ("the recording does not scatter at all where its input stands still",))
     rho = float(np.clip(observed[1] / observed[0], -0.95, 0.95))
     gamma = observed
@@ -157,7 +185,7 @@ def _from_windows(y: Array, starts: NDArray[np.int64], width: int, lines: Sequen
         level = observed[0] / taken[0]
         gamma = observed + level * (true - taken)
         rho = float(np.clip(gamma[1] / gamma[0], -0.99, 0.99))
-    return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], keep.size)
+    return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], pairs[0])
 
 
 def _ar1_expected(rho: float, width: int, basis: Array) -> Array:

@@ -39,6 +39,19 @@ def test_gaps_and_dropouts_are_masked_and_edges_are_not():
     assert p.signal() == pytest.approx(2e-4, rel=0.02)  # without the noise, which spans another 2.5e-5
 
 
+def test_drop_outs_do_not_end_what_is_known_of_the_noise():
+    """A fortieth of the readings: they are left out, and the others at rest say what they say without them."""
+    rng = np.random.default_rng(3)
+    plain, out = noisy(n=8000), np.flatnonzero(rng.random(8000) < 0.025)
+    spoiled = noisy(n=8000, spikes=out)
+    a, b = (prepare(campaign(r), r) for r in (plain, spoiled))
+    assert b.dropouts >= 0.95 * out.size  # the premise
+    assert b.quiet_n > 0.95 * a.quiet_n
+    assert b.quiet_sd == pytest.approx(4e-6, rel=0.03)
+    (again,) = prepare_all(campaign(spoiled), (spoiled,))
+    assert (again.quiet_n, again.quiet_sd) == (b.quiet_n, b.quiet_sd)
+
+
 def test_columns_of_disturbances():
     p = voltage_record("r", 200, mains=True)
     N = p.nuisance()

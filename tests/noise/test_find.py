@@ -251,6 +251,35 @@ class TestQuiet:
         assert q.rho == pytest.approx(rho, abs=0.01)
         np.testing.assert_allclose(q.autocorrelation, rho ** np.arange(21.0), atol=0.03)
 
+    @pytest.mark.parametrize("rho", [0.0, 0.8])
+    @pytest.mark.parametrize("share", [1e-3, 0.02, 0.1])
+    def test_missing_readings_end_no_stretch(self, rho, share):
+        """Drop-outs, masked or written as nan: what is read is still used, and what bridges them does not count."""
+        rng = np.random.default_rng(35)
+        t, u, y = creep(200_000)
+        y = y + ar1(rng, t.size, rho, 4.7)
+        whole = quiet_noise(y, u, t)
+        out = rng.random(t.size) < share
+        masked = quiet_noise(np.where(out, y + 100, y), u, t, mask=out)
+        gaps = quiet_noise(np.where(out, np.nan, y), u, t)
+        assert (masked.sd, masked.rho, masked.n) == (gaps.sd, gaps.rho, gaps.n)
+        assert masked.n == pytest.approx((1 - share) * whole.n, rel=0.005)
+        assert masked.sd == pytest.approx(4.7, rel=0.01)
+        # a line through neighbours would add the share of what is missing to the correlation of white noise
+        assert masked.rho == pytest.approx(rho, abs=0.006)
+
+    def test_many_missing_in_a_row_do_end_one(self):
+        """Readings that were lost for a tenth of a second: bridged they would stand still."""
+        rng = np.random.default_rng(36)
+        t, u, y = creep(200_000)
+        y = y + ar1(rng, t.size, 0.8, 4.7)
+        whole = quiet_noise(y, u, t)
+        for k in range(5000, 200_000, 20_000):
+            y[k : k + 100] = np.nan
+        found = quiet_noise(y, u, t)
+        assert whole.n - 10 * 1024 < found.n < whole.n - 10 * 100
+        assert found.sd == pytest.approx(4.7, rel=0.02)
+
     def test_short_plateaus(self):
         rng = np.random.default_rng(22)
         u = DRIVES["rectangle_1Hz"]
