@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ..models.effects import registered_effects
 from ..models.model import Model
-from ..priors import Prior
+from ..priors import Parameter, Prior
 
 #: laws of one effect beside its plain one, as priors of parameters that are fixed there: a leak that the field
 #: activates, R_l exp(-sqrt(E/E_0)) (catalogue of missing physics, E7). E_0 = (kT)^2 pi eps_0 eps_r / q^3 is 0.32 MV/m
@@ -21,6 +21,8 @@ VARIANTS: dict[str, dict[str, Prior]] = {
     "thermal_expansion": {"alpha_T_m_per_K": Prior("uniform", -5e-5, -1e-7)},
     "acquisition_delay": {"T_d_s": Prior("uniform", -0.02, 0.0)},
 }
+#: the one whose prior is wider on campaigns that were sampled slowly, and how many times further that of a delay reaches
+_LEAD, _OF_A_DELAY = "T_d_s", 2.5
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few
 #: and then in steps of a tenth; 0 stands for infinitely many. Fewer than six fill no distribution: they are play
@@ -34,19 +36,32 @@ _FURTHER = {p: prior for law in VARIANTS.values() for p, prior in law.items()}
 def tells_law(parameter: str, prior: str) -> bool:
     """Whether a prior, in words, says which law of an effect is meant, and not only where a parameter may lie."""
     further = _FURTHER.get(parameter)
+    if parameter == _LEAD:
+        return prior.startswith("uniform(-") and prior.endswith(", 0)")
     return parameter in COUNTED.values() or (further is not None and prior == str(further))
 
 
-def laws_of_effect(name: str) -> tuple[dict[str, Prior], ...]:
-    """Laws of an effect, the plain one first, as what is given beside the priors of its parameters."""
-    return ({}, VARIANTS[name]) if name in VARIANTS else ({},)
+def laws_of_effect(name: str, given: Mapping[str, object]) -> tuple[dict[str, Prior], ...]:
+    """Laws of an effect, the plain one first, as what is given beside the priors of its parameters.
+
+    given: those priors, by parameter. Readings may lead by a sample, however long one is, as they may be late by one.
+    """
+    if name not in VARIANTS:
+        return ({},)
+    law, plain = VARIANTS[name], given.get(_LEAD)
+    plain = plain.prior if isinstance(plain, Parameter) else plain
+    if _LEAD in law and isinstance(plain, Prior) and plain.family == "loguniform":
+        law = {_LEAD: Prior("uniform", min(law[_LEAD].a, -plain.b / _OF_A_DELAY), 0.0)}
+    return {}, law
 
 
 def laws_in(model: Model, effects: Sequence[str]) -> dict[str, Prior]:
     """Priors of the laws that effects have in a model, where those are not the plain ones."""
     own = {p.name: p.prior for p in model.parameters}
-    laws = [VARIANTS[name] for name in effects if name in VARIANTS]
-    out = {p: prior for law in laws if all(own.get(p) == law[p] for p in law) for p, prior in law.items()}
+    out = {}
+    for law in (VARIANTS[name] for name in effects if name in VARIANTS):
+        if all(own.get(p) == prior or (p == _LEAD and tells_law(p, str(own.get(p)))) for p, prior in law.items()):
+            out |= {p: own[p] for p in law}
     return out | {n: own[n] for n in (COUNTED.get(e, "") for e in effects) if n in own and own[n] != _usual(n)}
 
 

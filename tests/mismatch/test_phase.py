@@ -11,6 +11,7 @@ from scipy.stats import norm
 from bayes_dea.mismatch.search.hypotheses import Odds, prior_odds
 from bayes_dea.mismatch.search.known import Known
 from bayes_dea.mismatch.search.phase import Below, below_a_sample, delay_of
+from bayes_dea.models.effects import registered_effects
 from bayes_dea.priors import Prior
 
 STEP, LEAST, MOST = 1e-3, 5e-6, 0.05
@@ -55,6 +56,21 @@ def test_a_delay_of_which_nothing_is_known_is_below_a_sample_or_not():
 def test_a_prior_of_the_users_own_stays():
     for own in (Prior("lognormal", 1e-5, 0.5), Prior("loguniform", 1e-5, 5e-4)):
         assert below_a_sample(late(1e-5, 0.1, own)) == Below(pytest.approx(1.0), None)
+
+
+@pytest.mark.parametrize("step_s", [0.04, 0.1, 1.0])
+def test_the_prior_of_a_slow_campaign_is_not_taken_for_the_users_own(step_s):
+    (plain,) = [e for e in registered_effects()["acquisition_delay"].parameters if e.name == "T_d_s"]
+    recording = SimpleNamespace(time_s=step_s * np.arange(100), is_voltage=True)
+    prior = registered_effects()["acquisition_delay"].prior_for(SimpleNamespace(recordings=[recording]))["T_d_s"]
+    assert prior.b == pytest.approx(max(plain.prior.b, 3.0 * step_s))
+    fit = late(0.7 * step_s, 0.01, prior)
+    for p in fit.problem.pieces:
+        p.prepared.step_s = step_s
+    # 0.7 of a sample: its even density is 1 / (2 step), that of the log-uniform prior 1 / (0.7 step log(b / a))
+    found = below_a_sample(fit)
+    assert found.probability == pytest.approx(1.0, abs=1e-9)
+    assert found.even == pytest.approx(0.35 * math.log(prior.b / prior.a), rel=1e-3)
 
 
 def test_a_fit_without_a_delay_has_none():

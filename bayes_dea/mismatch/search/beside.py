@@ -48,7 +48,7 @@ def beside_these(
 ) -> list[Screened]:
     """An effect beside others on its grid, by each of its laws that has an answer. frames: see `screen`."""
     both = together(effects, name)
-    models = [extended(model, both, {**given, **law}) for law in laws_of_effect(name)]
+    models = [extended(model, both, {**given, **law}) for law in laws_of_effect(name, given)]
     found = [screen(frames, m, both, sparse, series_ohm) for m in models if m is not None]
     return [s for s in found if s is not None]
 

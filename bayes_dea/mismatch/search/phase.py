@@ -23,7 +23,8 @@ class Below:
     """What a fit says of its delay being shorter than one sample.
 
     probability: of that, by the prior that was fitted. even: evidence by a prior that is even over one sample either
-    way, over the evidence by the one that was fitted; None where that is the user's own, which stays.
+    way, over the evidence by the one that was fitted; None where that ends within one sample: those that are made for a
+    campaign never do, so it is the user's own, which stays.
     """
 
     probability: float
@@ -53,7 +54,7 @@ def below_a_sample(fit: Fit) -> Below | None:
     if not prior.is_log:
         sd = max(sd, 1e-9 * step)
         inside = float(ndtr((step - centre) / sd) - ndtr((-step - centre) / sd))
-        wide = prior.family == "uniform" and prior.b - prior.a > 2.0 * step
+        wide = prior.family == "uniform" and (prior.a < -step or prior.b > step)
         return Below(inside, inside * (prior.b - prior.a) / (2.0 * step) if wide else None)
     sd = max(sd, 1e-9)
     inside = float(ndtr((math.log(step) - centre) / sd))

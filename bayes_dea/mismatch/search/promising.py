@@ -117,7 +117,7 @@ def on_grids(
     for k, name in enumerate(quest.names):
         quest.say("weighing hypotheses", k, len(quest.names), name)
         own = frames if name in LIMITS else frames[:common]
-        for variant in laws_of_effect(name):
+        for variant in laws_of_effect(name, quest.given):
             key = "+".join([name, *variant])
             known = memory.get(key) if memory is not None else None
             s = moved_to(known, own) if known is not None else None

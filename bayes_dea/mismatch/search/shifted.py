@@ -51,7 +51,7 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
     half = 0.5 * sample_step_s(fitted)
     both = together(first.effects, DELAY)
     out: list[Weighed] = []
-    for law in laws_of_effect(DELAY):
+    for law in laws_of_effect(DELAY, quest.given):
         model = extended(quest.model, both, {**quest.by(first.laws).given, **law})
         if model is None or half <= 0.0:
             continue

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _CATALOGUE = "catalogue of missing physics"
 #: shortest delay that recordings may show, in samples: on the first row behind an edge that much of a step is missing
 _LEAST_DELAY = 0.005
+#: and what recordings sampled slowly have to allow, in samples: late by one or two is the commonest of all
+_MOST_DELAY = 3.0
 #: sd of a uniform density over half its width
 UNIFORM_SD = 1.0 / math.sqrt(3.0)
 
@@ -53,10 +55,13 @@ class AcquisitionDelay(Effect):
     black_box = True
 
     def prior_for(self, campaign: Campaign) -> dict[str, Prior]:
-        """Down to parts of a sample: what is less than one is timing, but has to be known for that."""
+        """From parts of a sample to some: what is less than one is timing, but has to be known for that."""
         plain = next(p.prior for p in self.parameters if p.name == "T_d_s")
         steps = [pace_of(r.time_s).step_s for r in campaign.recordings if r.is_voltage and len(r.time_s) > 1]
-        return {"T_d_s": Prior("loguniform", min(plain.a, _LEAST_DELAY * min(steps)), plain.b)} if steps else {}
+        if not steps:
+            return {}
+        low, high = min(plain.a, _LEAST_DELAY * min(steps)), max(plain.b, _MOST_DELAY * max(steps))
+        return {"T_d_s": Prior("loguniform", low, high)}
 
     def explain(self, values: Mapping[str, float]) -> str:
         """One sentence with the time."""
