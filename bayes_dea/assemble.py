@@ -19,7 +19,7 @@ from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
 from .likelihood.plant_group import build_plant_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
-from .likelihood.prepare import Prepared, prepare_all, rate_classes, rested
+from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes, rested
 from .models.electrostatics import VOLTAGE_GEOMETRY, require
 from .models.missing_drive import drive_values
 from .models.model import Model, build_model
@@ -28,6 +28,8 @@ from .noise.limit import limit_warning
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
+#: readings at rest from which on sampling rates are compared, and the ratio of what they scatter by that is said
+_KNOWN, _UNLIKE = 4096, 1.4
 #: recordings with drop-outs from which on these are said in one line
 _MANY = 3
 #: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
@@ -322,6 +324,7 @@ def _channel(
             f"[sensor.{channel}] states a fluctuation of {first.sigma_median:.3g} {_UNITS[channel]}; quiet "
             f"stretches of the recordings scatter by {sd:.3g}. The recordings decide, but check the statement."
         )
+    warnings += _unlike_rates(fitted, rates, _UNITS[channel])
     return ChannelNoise(
         channel,
         _UNITS[channel],
@@ -331,6 +334,27 @@ def _channel(
         sd if np.isfinite(sd) and sd > 0 else first.sigma_median,
         tuple(guess),
     )
+
+
+def _unlike_rates(fitted: Sequence[Prepared], rates: RateClasses, unit: str) -> list[str]:
+    """A line on sampling rates at which a sensor scatters unlike at others: their recordings share one sigma."""
+    known = [p for p in fitted if p.quiet_n >= _KNOWN]
+    levels = {
+        step: float(np.median(own))
+        for i, step in enumerate(rates.steps_s)
+        if (own := [p.quiet_sd for p in known if rates.of(p) == i])
+    }
+    if len(levels) < 2:
+        return []
+    calm, noisy = min(levels, key=levels.__getitem__), max(levels, key=levels.__getitem__)
+    if levels[noisy] < _UNLIKE * levels[calm]:
+        return []
+    return [
+        f"at rest, readings every {1e3 * noisy:.3g} ms scatter by {levels[noisy]:.3g} {unit}, those every "
+        f"{1e3 * calm:.3g} ms by {levels[calm]:.3g} {unit}: all are weighed by one size of the noise, with a "
+        "correlation for each rate, so that some count for more or for less than they say; where a controller averages "
+        "for the slower record, record all at one rate, or average the others alike"
+    ]
 
 
 def zero_prior(p: Prepared) -> ZeroPrior:

@@ -21,7 +21,7 @@ VARIANTS: dict[str, dict[str, Prior]] = {
     "thermal_expansion": {"alpha_T_m_per_K": Prior("uniform", -5e-5, -1e-7)},
     "acquisition_delay": {"T_d_s": Prior("uniform", -0.02, 0.0)},
 }
-#: the one whose prior is wider on campaigns that were sampled slowly, and how many times further that of a delay reaches
+#: the one whose prior is wider on campaigns that were sampled slowly, and how many times as far that of a delay is
 _LEAD, _OF_A_DELAY = "T_d_s", 2.5
 
 #: parameters that are whole numbers: each is a law of its own, found by `elements`; and those that are tried, all few

@@ -1,6 +1,8 @@
 """What swings faster than the search looks, and is no mains, shows in what recordings scatter by at rest."""
 
+import re
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -90,6 +92,40 @@ def test_mains_that_only_some_recordings_show_is_named_by_itself():
     assert seen is not None
     assert seen.noisy == "creep_1200V.csv"
     assert 0.9 * 4.7e-6 < seen.calm_m < 1.1 * 4.7e-6
+
+
+def averaged(campaign, name, every):
+    """The same with one recording as the mean of `every` rows of it, read at the last of them."""
+    out = []
+    for r in campaign.recordings:
+        if r.name == name:
+            rows = len(r.time_s) // every * every
+            columns = {n: c[:rows].reshape(-1, every)[:, -1] for n, c in r.columns.items()}
+            columns["displacement_m"] = r.columns["displacement_m"][:rows].reshape(-1, every).mean(axis=1)
+            r = replace(r, columns=MappingProxyType(columns))
+        out.append(r)
+    return replace(campaign, recordings=tuple(out))
+
+
+def test_what_is_averaged_for_a_slower_record_is_said_and_no_physics():
+    """The mean of five readings scatters by 1/sqrt(5) of one; the others are still held against each other."""
+    c = averaged(concealed(rest_s=5.0), "creep_600V.csv", 5)
+    assembled = assemble(c, build_model("hooke+gm3"))
+    level = {p.name: p.quiet_sd for p in assembled.prepared if p.quiet_n >= 4096}
+    assert level["creep_600V.csv"] == pytest.approx(4.7e-6 / 5**0.5, rel=0.05)
+    assert uneven_scatter(reduce_campaign(assembled), STEP_M) is None
+    (said,) = [w for w in assembled.warnings if "readings every" in w]
+    levels = re.match(r"at rest, readings every 1 ms scatter by (\S+) m, those every 5 ms by (\S+) m", said)
+    assert [float(x) for x in levels.groups()] == pytest.approx([4.7e-6, 2.1e-6], rel=0.05)
+    assert not any("readings every" in w for w in assemble(concealed(), build_model("hooke+gm3")).warnings)
+
+    def louder(y, r):
+        return y + 14e-6 * np.random.default_rng(7).standard_normal(y.size)
+
+    seen = found(with_column(c, "sine_1Hz.csv", louder))
+    assert seen is not None
+    assert seen.noisy == "sine_1Hz.csv"
+    assert seen.calm_m == pytest.approx(4.7e-6, rel=0.05)
 
 
 @pytest.mark.long

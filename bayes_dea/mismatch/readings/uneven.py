@@ -2,9 +2,10 @@
 
 A ripple of the supply, something that swings, a loose clamp: what is faster than the windows of the search, and no line
 of the mains, looks like noise, and noise that grows with it excuses everything. But a sensor's noise is the same in
-every recording of a campaign; where it is not, something else is in it. A level that differs by some ten per cent is
+every recording at one rate; where it is not, something else is in it. A level that differs by some ten per cent is
 still noise, as long as its colour is the same: what swings is more correlated from reading to reading than what a
-sensor scatters by.
+sensor scatters by. What is averaged for a slower record scatters less, and is correlated otherwise: other rates say
+nothing here (`assemble` warns of them).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.stats import norm
 
 from ...gauss_newton.reduced import Piece
-from ...likelihood.prepare import Prepared
+from ...likelihood.prepare import Prepared, rate_classes
 
 #: readings at rest from which on a recording is compared, and the ratio and standard errors that count
 _LEAST, _RATIO, _ERRORS = 4096, 1.4, 8.0
@@ -52,6 +53,15 @@ def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
     seen = [
         p.prepared for p in pieces if p.channel == "displacement" and p.prepared.quiet_n >= _LEAST
     ]
+    rates = rate_classes(tuple(seen))
+    alike = [[p for p in seen if rates.of(p) == k] for k in range(len(rates.steps_s))]
+    pairs = sum(0.5 * len(some) * (len(some) - 1) for some in alike)
+    found = [u for some in alike if (u := _most_unlike(some, resolution, pairs)) is not None]
+    return min(found, key=lambda u: u.p_value, default=None)
+
+
+def _most_unlike(seen: Sequence[Prepared], resolution: float, pairs: float) -> Uneven | None:
+    """The same of recordings at one sampling rate; pairs: that were looked at in all."""
     if len(seen) < 2:
         return None
     order = sorted(seen, key=lambda p: p.quiet_sd)
@@ -65,7 +75,6 @@ def uneven_scatter(pieces: Sequence[Piece], resolution: float) -> Uneven | None:
     z = math.log(high / low) / error
     if z < _ERRORS or (high < _MUCH * low and not _other_colour(noisy, calm)):
         return None
-    pairs = 0.5 * len(seen) * (len(seen) - 1)
     return Uneven(noisy.name, calm.name, high, low, max(min(2.0 * pairs * float(norm.sf(z)), 1.0), 1e-300))
 
 
