@@ -1,6 +1,7 @@
 """What swings at a frequency of its own while the command stands still is no noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,6 +48,38 @@ def test_noise_has_no_line(rho, scale):
     """What is asked for, four times the neighbours at a chance of one in a million, never comes in nine campaigns."""
     for seed in range(3):
         assert swinging(fitted(concealed(rho=rho, scale=scale, seed=seed)), STEP_M) is None
+
+
+def stood_still(rate_Hz, hz, amplitude_m, seconds=60.0, sd_m=4.7e-6, seed=1):
+    """A fit, as far as it matters here, of one recording at rest that swings and hums."""
+    rng, n = np.random.default_rng(seed), int(seconds * rate_Hz)
+    t = np.arange(n) / rate_Hz
+    hum = sum(2e-6 * np.sin(2 * np.pi * k * 50.03 * t + k) for k in range(1, 8))
+    y = sd_m * rng.standard_normal(n) + amplitude_m * np.sin(2 * np.pi * hz * t) + hum
+    prepared = SimpleNamespace(
+        y=y, observed=np.ones(n, dtype=bool), reading_step_s=1 / rate_Hz,
+        recording=SimpleNamespace(time_s=t, columns={"voltage_V": np.full(n, 500.0)}),
+    )
+    piece = SimpleNamespace(name="rest.csv", channel="displacement", group=0, prepared=prepared)
+    problem = SimpleNamespace(pieces=[piece], rows=lambda q: [np.zeros(n)], beside=lambda q: (None, [0.0]))
+    return SimpleNamespace(problem=problem, q=None)
+
+
+@pytest.mark.parametrize(("rate_Hz", "hz"), [
+    (100.0, 11.3), (100.0, 34.0), (1000.0, 11.3), (1000.0, 137.0), (5000.0, 137.0), (10_000.0, 137.0),
+    (10_000.0, 1230.0),
+])
+def test_a_line_is_seen_at_any_sampling_rate_and_mains_is_none(rate_Hz, hz):
+    """Of a = 2 um in sd = 4.7 um of noise: by a Hann window over n = 1024 rows a^2 n / (6 sd^2) = 31 times a bin's."""
+    seconds = max(60.0, 25 * 1024 / rate_Hz)
+    amplitude_m = 2e-6 * max(1.0, (1000.0 / rate_Hz) ** 0.5)
+    found = swinging(stood_still(rate_Hz, hz, amplitude_m, seconds), STEP_M)
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(hz, abs=1.0)
+    assert found.amplitude_m == pytest.approx(amplitude_m, rel=0.2)
+    times = 31.0 * max(1.0, 1000.0 / rate_Hz) * max(1.0, rate_Hz / 1000.0)
+    assert 0.65 * times < found.ratio < 1.2 * times  # between bins it is a third less
+    assert swinging(stood_still(rate_Hz, hz, 0.0, seconds), STEP_M) is None
 
 
 def test_what_a_wrong_model_leaves_creeps_and_does_not_swing():

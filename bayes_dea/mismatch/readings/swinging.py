@@ -24,16 +24,20 @@ from ...noise.quiet import still_windows, stillness
 
 Array = NDArray[np.float64]
 
-#: rows of a segment, rows after a change of the command that are left out, segments of a recording at most, and in all
-_SEGMENT, _AFTER, _MOST, _LEAST = 1024, 2048, 200, 20
+#: rows of a segment at least, and its time (s): bins of 1 Hz, so that there is room between multiples of mains
+_SEGMENT, _LASTS_S = 1024, 1.024
+#: segments that are left out after a change of the command, segments of a recording at most, and in all
+_AFTER, _MOST, _LEAST = 2, 200, 20
 #: share of a segment's rows that has to be observed; the rest is bridged
 _OBSERVED = 0.98
 #: bins that a slow drift may fill, bins around one that do not count as its neighbours, and bins that do
 _SLOW, _OWN, _AROUND = 4, 4, 24
 #: times its neighbours that a bin has to be, and the chance of it in all bins below which it is no chance
 _TIMES, _CHANCE = 4.0, 1e-6
-#: half-width around mains lines and their multiples (bins)
-_MAINS = 2
+#: half-width around mains lines and their multiples (bins), and as a share of these: what mains is off by
+_MAINS, _OFF = 2, 0.002
+#: and up to which these are loud enough to be seen where slow sampling folds them back
+_HEARD_Hz = 500.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
     for piece, x in zip(fit.problem.pieces, rows, strict=True):
         if piece.channel == "displacement":
             step = round(piece.prepared.reading_step_s, 7)
-            found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x)
+            found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x, _rows(step))
             if len(found):
                 by_step.setdefault(step, []).append((piece.name, found))
     lines = [line for step, parts in by_step.items() if (line := _line(step, parts)) is not None]
@@ -84,16 +88,22 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
     return max(lines, key=lambda line: line.amplitude_m) if lines else None
 
 
-def _segments(piece: Piece, left: Array) -> Array:
-    """Power densities (k, bins) of stretches in which the command stands still, less their straight lines; m^2 row."""
+def _rows(step_s: float) -> int:
+    """Rows of a segment."""
+    return max(_SEGMENT, round(_LASTS_S / step_s))
+
+
+def _segments(piece: Piece, left: Array, n: int) -> Array:
+    """Power densities (k, bins) of stretches of n rows in which the command stands still, less their straight lines;
+    m^2 row."""
     p = piece.prepared
     read = with_a_reading(p.y)
     u, observed, left = filled_input(p.recording.columns["voltage_V"])[read], p.observed[read], left[read]
-    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), _SEGMENT, _AFTER)
-    rows = np.arange(_SEGMENT)
+    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), n, _AFTER * n)
+    rows = np.arange(n)
     parts = []
     for begin in starts[:_MOST]:
-        seen, v = observed[begin : begin + _SEGMENT], left[begin : begin + _SEGMENT]
+        seen, v = observed[begin : begin + n], left[begin : begin + n]
         if seen.mean() > _OBSERVED:
             parts.append(np.where(seen, v, np.interp(rows, rows[seen], v[seen])))
     if not parts:
@@ -107,14 +117,15 @@ def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
     count = len(every)
     if count < _LEAST:
         return None
-    power = every.mean(axis=0)
-    width_Hz = 1.0 / (_SEGMENT * step_s)
+    power, rows = every.mean(axis=0), _rows(step_s)
+    width_Hz = 1.0 / (rows * step_s)
     usable = np.ones(power.size, dtype=bool)
     usable[:_SLOW], usable[-2:] = False, False
     for mains in (50.0, 60.0):
-        for line in np.arange(mains, power.size * width_Hz + mains, mains):
-            at = round(line / width_Hz)
-            usable[max(at - _MAINS, 0) : at + _MAINS + 1] = False
+        for line in np.arange(mains, max(0.5 / step_s, _HEARD_Hz) + 1.0, mains):
+            seen_Hz = abs(line - round(line * step_s) / step_s)  # what is faster than is sampled is folded back
+            at, reach = round(seen_Hz / width_Hz), max(_MAINS, round(_OFF * line / width_Hz))
+            usable[max(at - reach, 0) : at + reach + 1] = False
     ratios = np.zeros(power.size)
     for at in map(int, np.flatnonzero(usable)):
         near = np.arange(max(at - _AROUND, _SLOW), min(at + _AROUND + 1, power.size - 2))
@@ -128,6 +139,6 @@ def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
         return None
     # a swing of amplitude a has the variance a^2/2, in bins one segment's inverse wide
     own = slice(max(k - _OWN, 0), k + _OWN + 1)
-    amplitude = np.sqrt(2.0 * np.sum(np.maximum(power[own] - power[k] / ratio, 0.0)) / _SEGMENT)
+    amplitude = np.sqrt(2.0 * np.sum(np.maximum(power[own] - power[k] / ratio, 0.0)) / rows)
     most = max(parts, key=lambda part: float(part[1][:, k].mean()))[0]
     return Swinging(k * width_Hz, float(amplitude), ratio, max(p_value, 1e-300), most)
