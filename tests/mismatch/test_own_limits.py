@@ -2,13 +2,15 @@
 
 import re
 from dataclasses import replace
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.readings.own_limits import limit_as_shown
+from bayes_dea.priors import Prior
 
 NOISE, SPREAD = 2e-6, 6e-6
 
@@ -45,6 +47,23 @@ def test_the_limit_is_named_and_found_to_its_error(noiseless, part, seed):
     said = re.search(r"clips at ([\d.]+) \+- ([\d.]+) um", s["statement"])
     assert float(said[1]) == pytest.approx(1e6 * found["mean"], abs=1e6 * found["sd"])
     assert float(said[2]) == pytest.approx(1e6 * found["sd"], rel=0.4)
+
+
+@pytest.mark.parametrize(("prior", "sd_of_coordinate"), [
+    (Prior("uniform", 1e-4, 3e-4), 1e-6), (Prior("loguniform", 1e-4, 3e-4), 1e-6 / 2e-4),
+])
+def test_its_error_is_the_same_by_a_prior_of_its_logarithm(prior, sd_of_coordinate):
+    """200 +- 1 um and a gain of 1.01 +- 0.0101: (1 + g) y_max is 202 um, off by 1.01 and 2.02 um together."""
+    priors = SimpleNamespace(names=["Y_Pa", "y_max_m"], free=[SimpleNamespace(prior=p) for p in (prior, prior)])
+    problem = SimpleNamespace(
+        model=SimpleNamespace(priors=priors, dimension=2), zero_mean=np.zeros(1),
+        pieces=[SimpleNamespace(group=0, nodes=())], beside=lambda q: (None, np.array([0.01])),
+    )
+    fit = SimpleNamespace(problem=problem, q=np.zeros(4), values=lambda: {"y_max_m": 2e-4},
+                          covariance=np.diag([1.0, sd_of_coordinate**2, 1.0, 0.01**2]))
+    found = limit_as_shown(fit)
+    assert found["mean"] == pytest.approx(2.02e-4)
+    assert found["sd"] == pytest.approx(np.hypot(1.01e-6, 2.02e-6))
 
 
 @pytest.mark.long

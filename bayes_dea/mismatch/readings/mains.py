@@ -39,7 +39,7 @@ def mains_lines(fit: Fit) -> list[SeenLine]:
         A = np.stack([scaled, np.ones(x.size), np.cos(phase), np.sin(phase)], axis=1)[good]
         c, *_ = np.linalg.lstsq(A, p.y[good], rcond=None)
         sigma, rho = fit.noise.of(piece)
-        sd = line_sd(sigma, rho, frequency, p.step_s, int(good.sum()))
+        sd = line_sd(sigma, rho, frequency, p.reading_step_s, int(good.sum()))
         out.append(SeenLine(float(np.hypot(c[2], c[3])), sd, bool(near)))
     return out
 

@@ -89,7 +89,7 @@ def limit_as_shown(fit: Fit) -> dict[str, float]:
     size = 1.0 + float(gains[group])
     limit = size * float(fit.values()["y_max_m"])
     slopes = np.zeros(fit.q.size)
-    slopes[at] = size
+    slopes[at] = limit if problem.model.priors.free[at].prior.is_log else size
     slopes[gain_at] = limit  # its coordinate is log(1 + g)
     sd = float(np.sqrt(slopes @ fit.covariance @ slopes))
     low, high = limit + sd * ndtri([0.05, 0.95])
