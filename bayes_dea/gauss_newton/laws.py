@@ -58,7 +58,7 @@ def laws_of_effect(name: str, given: Mapping[str, object]) -> tuple[dict[str, Pr
 def laws_in(model: Model, effects: Sequence[str]) -> dict[str, Prior]:
     """Priors of the laws that effects have in a model, where those are not the plain ones."""
     own = {p.name: p.prior for p in model.parameters}
-    out = {}
+    out: dict[str, Prior] = {}
     for law in (VARIANTS[name] for name in effects if name in VARIANTS):
         if all(own.get(p) == prior or (p == _LEAD and tells_law(p, str(own.get(p)))) for p, prior in law.items()):
             out |= {p: own[p] for p in law}
