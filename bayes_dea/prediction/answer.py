@@ -15,6 +15,8 @@ from .. import __version__
 from ..campaign.schema import HOLDS, Recording
 from ..campaign.settings import choice
 from ..errors import InputError
+from ..models.effects import registered_effects
+from ..models.model import Model
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE
 from .bands import LEVELS, Reading, bands
 from .calibrated import Calibrated, open_calibration
@@ -146,6 +148,8 @@ def answer(
             f"{'some' if bad.any() else 'the'} draws; the law cannot carry that load. Lower the command"
         )
     done = time.perf_counter()
+    sensed = effects_of_the_sensor(model) if channel == "displacement" else []
+    shown = f", as it is shown with {', '.join(sensed)}" if sensed else ""
     summary: dict[str, Any] = {
         "model": model.name,
         "campaign": c.summary.get("campaign"),
@@ -162,7 +166,7 @@ def answer(
         "starts": "rested",
         "levels": list(LEVELS),
         "bands": {
-            f"{channel}_qNN_{unit}": f"the {channel} itself: uncertainty of the parameters alone",
+            f"{channel}_qNN_{unit}": f"the {channel} itself{shown}: uncertainty of the parameters alone",
             f"reading_qNN_{unit}": "one reading of the sensor: parameters, its gain as calibrated, the offset of a new "
             "recording, and the noise of one sample",
         },
@@ -182,6 +186,11 @@ def answer(
         "warnings": list(dict.fromkeys(notes)),
     }
     return SignalPrediction(channel, unit, given.column, given.time_s, given.values, found, summary)
+
+
+def effects_of_the_sensor(model: Model) -> list[str]:
+    """Effects of a model that change the reading of a stroke and not the stroke."""
+    return [name for name in model.spec.effects if registered_effects()[name].stage == "sensor"]
 
 
 def _origin(summary: Mapping[str, Any]) -> str:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..models.effects import registered_effects
-from .answer import DRAWS, Report, answer, as_recording, read_both
+from .answer import DRAWS, Report, answer, as_recording, effects_of_the_sensor, read_both
 from .calibrated import Calibrated
 from .find_command import as_commanded, find_command, mean_stroke
 from .inverse import ABOVE, FAST, MET, NEGATIVE, Limits
@@ -97,7 +96,7 @@ def command_for(
     inverted = time.perf_counter()
     given = answer(c, command, draws, seed, name, hold, workers, report, inverted)
     mean, summary = given.mean, given.summary
-    sensed = [e for e in c.structure.model.spec.effects if registered_effects()[e].stage == "sensor"]
+    sensed = effects_of_the_sensor(c.structure.model)
     if sensed:
         mean = mean_stroke(c, as_recording(c, command, name, hold), rows, workers, lambda share: None)
         away = 1e6 * float(np.max(np.abs(given.mean - mean)))
@@ -108,7 +107,7 @@ def command_for(
         )
         summary = {**summary, "warnings": [*summary["warnings"], note]}
     unmet = intervals(wish.time_s, mean - wish.values, found.flag, tolerance)
-    summary = _summary(summary, wish, mean, unmet, limits, inverted - began)
+    summary = _summary(summary, wish, mean, unmet, limits, tolerance, inverted - began)
     return replace(given, summary=summary, wanted=wish.values, unmet=unmet)
 
 
@@ -150,7 +149,13 @@ def intervals(time_s: Array, miss: Array, flag: NDArray[np.int8], tolerance: flo
 
 
 def _summary(
-    summary: dict[str, Any], wish: Signal, mean: Array, unmet: tuple[Unmet, ...], limits: Limits, seconds: float
+    summary: dict[str, Any],
+    wish: Signal,
+    mean: Array,
+    unmet: tuple[Unmet, ...],
+    limits: Limits,
+    tolerance: float,
+    seconds: float,
 ) -> dict[str, Any]:
     step = float(np.median(np.diff(wish.time_s)))
     by: dict[str, dict[str, float]] = {}
@@ -174,6 +179,7 @@ def _summary(
             "limits": {"voltage_V": limits.voltage_V, "frequency_Hz": limits.frequency_Hz or None},
             "rms_miss_m": float(np.sqrt(np.mean((mean - wish.values) ** 2))),
             "largest_miss_m": float(np.max(np.abs(mean - wish.values))),
+            "met_to_m": tolerance,
             "unmet_count": len(unmet),
             "unmet_by": by,
             "unmet": [vars(u) for u in unmet[:LISTED]],

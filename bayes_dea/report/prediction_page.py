@@ -119,7 +119,8 @@ def sentence(s: Mapping[str, Any]) -> str:
                 f"{digits.quantity(wanted['largest_miss_m'], 'm')}."
             )
         else:
-            text += " The wanted stroke is met everywhere, to a nanometre."
+            close = digits.quantity(wanted.get("met_to_m") or 1e-9, "m")
+            text += f" The wanted stroke is met everywhere, to {close}."
     if any("extrapolation" in w for w in s["warnings"]):
         text += " In part this is an extrapolation beyond what the calibration has seen."
     return text

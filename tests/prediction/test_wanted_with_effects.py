@@ -11,6 +11,7 @@ from bayes_dea.models.plant import Plant
 from bayes_dea.models.supply_kernel import supply
 from bayes_dea.prediction.inverse import Limits
 from bayes_dea.prediction.inverse_plant import invert_plant
+from bayes_dea.report.prediction_page import sentence
 
 T = np.arange(600) * 0.005
 #: a rise and a slow wave on it, from rest (m)
@@ -35,6 +36,8 @@ def test_the_whole_chain_follows_the_wish(text, hold):
     np.testing.assert_allclose(simulated, p.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(simulated, WISH, rtol=0, atol=1.5e-7)  # the resolution of the sensor
     assert p.unmet == ()
+    plain = p.summary["wanted"]["met_to_m"] == 1e-9  # lags of V^2 alone
+    assert ("everywhere, to 1.00\u00a0nm" if plain else "everywhere, to 150\u00a0nm") in sentence(p.summary)
     assert p.values.min() >= 0
     assert p.values.max() > 200
 
@@ -68,6 +71,7 @@ def test_what_the_sensor_does_is_not_made_up_for_but_said():
     away = f"differs from that stroke by up to {1e6 * np.max(np.abs(shown - WISH)):.3g} um"
     assert sum("acquisition_delay" in w and away in w for w in theirs.warnings) == 1
     assert not any("reading alone" in w for w in ours.warnings)
+    assert "shown with acquisition_delay" in theirs.summary["bands"]["displacement_qNN_m"]
 
 
 @pytest.mark.parametrize("name", ["series_resistance", "parallel_damper", "inertia", "one_quadrant_supply"])
