@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix
 from ..likelihood.plant_group import Reading, smooth
 from ..models.nodes import Nodes
 from ..models.plant import Plant
-from ..models.simulate_plant import held, moved, sensed
+from ..models.simulate_plant import held, moved, moved_before, sensed
 
 Array = NDArray[np.float64]
 
@@ -38,10 +38,11 @@ class Spread(Reading):
         """Displacement (m,) in m at all nodes of a plant near the known one, by its own sensor."""
         where = self.where
         assert isinstance(where, Nodes)
-        y = moved(self.plant, where, self.past)
+        y, near = moved(self.plant, where, self.past), where
         if plant.key != self.plant.key:
+            near = self.few
             y = y + self.onto @ (moved(plant, self.few, self.past) - moved(self.plant, self.few, self.past))
-        return sensed(plant, where, held(plant, where, y))
+        return sensed(plant, where, held(plant, where, y), self.past, moved_before(plant, near, self.past))
 
 
 def read_off(few: Nodes, time_s: Array, rows: NDArray[np.int64]) -> csr_matrix:

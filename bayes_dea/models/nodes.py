@@ -103,12 +103,11 @@ class Nodes:
         return Steps(self._durations, u0, u1, self._rows)
 
     def steps_after(self, past: Nodes) -> Steps:
-        """The same after a past; strains are asked for at these nodes."""
-        h, all_h = self._durations, past.durations()
-        h = np.concatenate([all_h, [1e-6 * float(np.median(h[1:]))], h[1:]])
+        """The same after a past, whose nodes come first."""
+        h = self._durations
+        h = np.concatenate([past.durations(), [1e-6 * float(np.median(h[1:]))], h[1:]])
         u0, u1 = np.concatenate([past.command(), self._command], axis=1)
-        at = np.arange(all_h.size, h.size)
-        return Steps(h, u0, u1, np.concatenate([past.rows(), self._rows]), at)
+        return Steps(h, u0, u1, np.concatenate([past.rows(), self._rows]))
 
     def read(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """y (m,) with the nodes that are not read straight between those that are."""

@@ -28,7 +28,7 @@ def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDA
     where there is no balance of forces. Raises InputError where the geometry or a column is missing.
     """
     y = displacement(plant, nodes, past)
-    out = sensed(plant, nodes, y)
+    out = sensed(plant, nodes, y, past, moved_before(plant, nodes, past))
     return y.copy() if out is y else out  # what is remembered is not given away
 
 
@@ -43,16 +43,26 @@ def moved(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.f
 
     A plant that differs by its sensor alone from the last ones is not simulated again.
     """
-    return nodes.answers(plant.key, past, lambda: _moved(plant, nodes, past))
+    return _moved(plant, nodes, past)[0 if past is None else past.size :]
+
+
+def moved_before(plant: Plant, nodes: Nodes, past: Nodes | None) -> NDArray[np.float64] | None:
+    """The same at the nodes of the past (k,); None without any."""
+    return None if past is None else _moved(plant, nodes, past)[: past.size]
 
 
 def _moved(plant: Plant, nodes: Nodes, past: Nodes | None) -> NDArray[np.float64]:
+    """Displacement (k + m,) at the nodes of the past and at these; not to be written to."""
+    return nodes.answers(plant.key, past, lambda: _simulated(plant, nodes, past))
+
+
+def _simulated(plant: Plant, nodes: Nodes, past: Nodes | None) -> NDArray[np.float64]:
     if plant.stroke_m == 0.0:
         raise InputError(f"a voltage recording needs {', '.join(VOLTAGE_GEOMETRY)}; write them under [actuator] in "
                          "campaign.toml")
     steps = nodes.steps if past is None else nodes.steps_after(past)
-    strain = _strain(plant, steps, whole=nodes.is_rough)
-    return nodes.read(plant.stroke_m * strain)
+    y = plant.stroke_m * _strain(plant, steps, whole=nodes.is_rough)
+    return nodes.read(y) if past is None else np.concatenate([y[: past.size], nodes.read(y[past.size :])])
 
 
 def held(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,19 +112,20 @@ def _supplied(plant: Plant, steps: Steps) -> Steps:
     return Steps(h, u0, u1, np.ones(many, dtype=np.int64), steps.asked(at))
 
 
-def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
+def sensed(
+    plant: Plant,
+    nodes: Nodes,
+    y: NDArray[np.float64],
+    past: Nodes | None = None,
+    before: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
     """What the sensor makes of the displacement y (m,) at the nodes, in the order of the contract.
 
-    Before the first node the displacement was the one there.
+    before (k,): the displacement at the nodes of the past, which a delay and a lag still show. Where nothing is known
+    of a past the displacement was the one at the first node.
     """
-    if plant.T_d_s != 0.0:
-        late = np.empty_like(y)
-        delayed(nodes.time_s, y, plant.T_d_s, late)
-        y = late
-    if plant.tau_s_s > 0.0:
-        smooth = np.empty_like(y)
-        lagged(nodes.durations(), np.diff(nodes.row, prepend=nodes.row[:1]), y, plant.tau_s_s, smooth)
-        y = smooth
+    if plant.T_d_s != 0.0 or plant.tau_s_s > 0.0:
+        y = _late(plant, nodes, y) if past is None or before is None else _late_after(plant, nodes, y, past, before)
     if plant.q_2_per_m != 0.0:
         y = y + plant.q_2_per_m * y * y
     t = nodes.time_s - nodes.time_s[0]
@@ -124,6 +135,33 @@ def sensed(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.flo
         y = y + plant.mains_m * np.sin(2 * np.pi * plant.mains_Hz * t + plant.mains_phase_rad)
     if plant.y_max_m < np.inf:
         y = np.minimum(y, plant.y_max_m - nodes.zero_m)
+    return y
+
+
+def _late(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    return _shown(plant, nodes.time_s, nodes.durations(), np.diff(nodes.row, prepend=nodes.row[:1]), y)
+
+
+def _late_after(
+    plant: Plant, nodes: Nodes, y: NDArray[np.float64], past: Nodes, before: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The same after a past: both as one, then cut."""
+    steps = nodes.steps_after(past)
+    return _shown(plant, np.cumsum(steps.h), steps.h, steps.rows, np.concatenate([before, y]))[past.size :]
+
+
+def _shown(
+    plant: Plant, time_s: NDArray[np.float64], h: NDArray[np.float64], rows: NDArray[np.int64], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """y (m,) at times (m,) s through delay and lag; h, rows (m,): time and rows since the node before."""
+    if plant.T_d_s != 0.0:
+        late = np.empty_like(y)
+        delayed(time_s, y, plant.T_d_s, late)
+        y = late
+    if plant.tau_s_s > 0.0:
+        smooth = np.empty_like(y)
+        lagged(h, rows, y, plant.tau_s_s, smooth)
+        y = smooth
     return y
 
 

@@ -471,6 +471,25 @@ def test_what_went_before_is_remembered():
     assert past_nodes([], second) is None
 
 
+@pytest.mark.parametrize(("effects", "values"), [
+    ("sensor_lag", {"tau_s_s": 0.05}),
+    ("acquisition_delay", {"T_d_s": 0.03}),
+    ("acquisition_delay+sensor_lag", {"T_d_s": 0.0304, "tau_s_s": 0.05}),
+    ("series_resistance+sensor_lag", {"R_s_ohm": 1e5, "tau_s_s": 0.05}),
+])
+def test_a_sensor_still_shows_what_went_before(effects, values):
+    """A step cut 20 ms after its edge: with the past forgotten a lag of 50 ms was wrong by two thirds of the stroke."""
+    first, second = held(((0.1, 0.0), (0.02, 1000.0))), replace(held(((0.3, 1000.0),)), rested=False)
+    whole = held(((0.1, 0.0), (0.32, 1000.0)))
+    m, values = model(effects), {**BASE, **values}
+    expected = simulate(m, values, whole)[-second.n:]
+    assert np.abs(simulate(m, values, second, previous=first) - expected).max() < 0.01 * UM
+    plant = plant_of(m, values, ACTUATOR)
+    nodes, past = make_nodes(second), past_nodes([first], second, lines=True)
+    assert np.abs(simulate_nodes(plant, nodes, past) - expected[nodes.row]).max() < 0.2 * UM
+    assert np.abs(simulate(m, values, replace(second, rested=True)) - expected).max() > 50 * UM
+
+
 def test_a_slow_supply_that_falls_by_both_limits_comes_to_an_end():
     """Where the limits meet within a row by a rounding, the march must go on (once it did not)."""
     m = build_model("hooke+supply_current_limit+one_quadrant_supply")
