@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayes_dea.campaign.schema import Recording, Sensor
+from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import pieces
 
 #: a scatter this many times the stated one is more than a fluctuation that was stated a little small
@@ -114,16 +114,21 @@ def _payloads(recordings: Sequence[Recording]) -> list[str]:
     out = []
     for mass in dict.fromkeys(r.actuator.payload_kg for r in own):
         loaded = [r for r in own if r.actuator.payload_kg == mass]
-        area = loaded[0].actuator.total_area_m2
-        weight = mass * _GRAVITY
-        stress = "" if area is None else f", {weight / area / 1e3:.3g} kPa on its section"
-        out.append(
-            f"payload_kg = {mass:g} ({_names([r.name for r in loaded])}) is not used by any model. Its weight "
-            f"({weight:.3g} N{stress}) loads the stack beforehand: moduli are those of the loaded stack, and where the "
-            "material is not linear others than those of mechanical recordings. Its inertia is left out too; near "
-            "resonance add inertia to the model."
-        )
+        out += payload_lines(loaded[0].actuator, f" ({_names([r.name for r in loaded])})")
     return out
+
+
+def payload_lines(actuator: Actuator, of: str = "") -> list[str]:
+    """A line on the payload of an actuator; none without one. of: what is said behind its number."""
+    if actuator.payload_kg == 0.0:
+        return []
+    weight, area = actuator.payload_kg * _GRAVITY, actuator.total_area_m2
+    stress = "" if area is None else f", {weight / area / 1e3:.3g} kPa on its section"
+    return [
+        f"payload_kg = {actuator.payload_kg:g}{of} is not used by any model. Its weight ({weight:.3g} N{stress}) loads "
+        "the stack beforehand: moduli are those of the loaded stack, and where the material is not linear others than "
+        "those of mechanical recordings. Its inertia is left out too; near resonance add inertia to the model."
+    ]
 
 
 def _names(names: Sequence[str]) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..campaign.unused import payload_lines
 from ..errors import BayesDEAError, InputError
 from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
@@ -224,7 +225,7 @@ class _Run:
         self.received = self.learned = 0
         self.seconds: dict[str, float] = {}
         self.summary: dict[str, Any] = {}
-        self.warnings: list[str] = []
+        self.warnings: list[str] = payload_lines(learner.bench.actuator)
         self.complete = False
         self._written = self._shown = time.monotonic()
         self._first_s: tuple[int, float] | None = None

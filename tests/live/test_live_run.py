@@ -54,6 +54,14 @@ def follow(name, toml, out, **options):
                         stop=stop)
 
 
+def test_a_payload_that_no_model_uses_is_said(toml, tmp_path):
+    toml.write_text(TOML.replace("[actuator]", "[actuator]\npayload_kg = 0.1", 1))
+    with served(device(), TcpPort("127.0.0.1", 0)) as name:
+        follow(name, toml, tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "live.json").read_text())["warnings"]
+    assert any(w.startswith("payload_kg = 0.1 is not used by any model. Its weight (0.981 N") for w in told)
+
+
 def test_over_tcp_everything_is_kept_and_learned(toml, tmp_path):
     out = tmp_path / "out"
     with served(device(), TcpPort("127.0.0.1", 0)) as name:
