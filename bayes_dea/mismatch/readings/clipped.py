@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from ...gauss_newton.reduced import Piece, again
 from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import Noise
-from ...models.electrostatics import filled_input
+from ...models.missing_drive import driven
 from ...noise.dropouts import find_dropouts
 from ...noise.limit import find_limit, near_limit
 from .outliers import without
@@ -87,8 +87,10 @@ def restored(pieces: Sequence[Piece], campaign: Campaign, limit: Limit) -> tuple
             y = np.asarray(whole[p.name].columns["displacement_m"], dtype=float)
             back = near_limit(y, limit.value_m, limit.resolution_m) & np.isfinite(y)
             if back.any():
-                drive = filled_input(whole[p.name].columns["voltage_V"])
-                back &= ~find_dropouts(y, drive, resolution=p.prepared.sensor.resolution)
+                course = driven(whole[p.name])
+                back &= ~find_dropouts(y, course.values, resolution=p.prepared.sensor.resolution)
+                if course.unknown is not None:
+                    back &= ~course.unknown
                 recording = replace(p.recording, columns=whole[p.name].columns)
                 p = again(p, replace(p.prepared, recording=recording, y=y, observed=p.prepared.observed | back))
         out.append(p)
