@@ -188,7 +188,8 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
         a = x[c] - left - (left - medians[c - reach]) * stretch
         b = x[c] - right - (right - medians[c + reach]) * stretch
         sign = 1.0 if x[c] > 0.5 * (left + right) else -1.0
-        if min(sign * a, sign * b) < _KINK * size[c]:
+        missed = min(sign * a, sign * b)
+        if missed < _KINK * size[c]:
             continue  # on the crest of a smooth wave both continuations lie beyond the reading
         scale = typical
         back = 1.4826 * np.median(size[max(0, c - _LOCAL):c])
@@ -196,5 +197,7 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
         # a median of 25 scatters by a fifth: only what is clearly above the typical value raises the bar
         if max(back, ahead) > 1.5 * typical:
             scale = max(back, ahead)
-        if outside > threshold * scale:
+        # at the tip of a fast wave the sides lie far below the reading, whatever it is: there it has to miss their
+        # continuations by as much as it has to miss level sides elsewhere
+        if outside > threshold * scale and missed > min(threshold * scale, size[c] - scale):
             out[i] = True

@@ -114,6 +114,21 @@ class TestDropouts:
         y = answer(u, kind) + np.random.default_rng(8).normal(0, 1.0, u.size)
         assert find_dropouts(y, u).sum() <= 1
 
+    def test_tips_of_a_fast_triangle_are_no_drop_outs_and_drop_outs_there_are_found(self):
+        """The sides of a tip lie far below it: a reading that noise raised by 2.5 sds was taken for false there."""
+        u = 650 + 400 * (4 * np.abs((10 * T20 - 0.25) % 1 - 0.5) - 1)
+        clean = 90.0 * (u / 1050.0) ** 2
+        tips = np.flatnonzero(u > 1049.0)
+        found, right = 0, []
+        for seed in range(10):
+            y = clean + np.random.default_rng([11, seed]).normal(0, 2.0, u.size)
+            found += int(find_dropouts(y, u).sum())
+            y[tips[5::20]] += 25.0
+            right.append(find_dropouts(y, u)[tips[5::20]].mean())
+        # 2,000 tips; below 1e-6 a sample two or more of 200,000 have a chance of 2 %
+        assert found <= 1
+        assert np.mean(right) > 0.95
+
     @pytest.mark.parametrize("drive", ["step", "rectangle_1Hz", "sine_10Hz", "triangle_2Hz"])
     def test_drop_outs_are_found_under_a_drive(self, drive):
         rng = np.random.default_rng(9)
