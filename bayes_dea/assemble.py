@@ -25,11 +25,15 @@ from .models.missing_drive import drive_values
 from .models.model import Model, build_model
 from .noise.edges import input_noise
 from .noise.limit import limit_warning
+from .noise.quiet import MOST_RHO, standard_errors
 from .noise.stated import NoiseTerms, force_noise_from_position, noise_terms
 
 _UNITS = {"displacement": "m", "force": "N"}
 #: readings at rest from which on sampling rates are compared, and the ratio of what they scatter by that is said
 _KNOWN, _UNLIKE = 4096, 1.4
+#: correlation from which on noise may be slower than rests tell, the error of its size (in the logarithm) from which on
+#: that is said, and a rest that tells it, in correlation times
+_SLOW, _UNKNOWN, _RESTS = 0.95, 0.1, 500.0
 #: recordings with drop-outs from which on these are said in one line
 _MANY = 3
 #: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
@@ -324,7 +328,7 @@ def _channel(
             f"[sensor.{channel}] states a fluctuation of {first.sigma_median:.3g} {_UNITS[channel]}; quiet "
             f"stretches of the recordings scatter by {sd:.3g}. The recordings decide, but check the statement."
         )
-    warnings += _unlike_rates(fitted, rates, _UNITS[channel])
+    warnings += _unlike_rates(fitted, rates, _UNITS[channel]) + _short_rests(fitted, channel)
     return ChannelNoise(
         channel,
         _UNITS[channel],
@@ -354,6 +358,22 @@ def _unlike_rates(fitted: Sequence[Prepared], rates: RateClasses, unit: str) -> 
         f"{1e3 * calm:.3g} ms by {levels[calm]:.3g} {unit}: all are weighed by one size of the noise, with a "
         "correlation for each rate, so that some count for more or for less than they say; where a controller averages "
         "for the slower record, record all at one rate, or average the others alike"
+    ]
+
+
+def _short_rests(fitted: Sequence[Prepared], channel: str) -> list[str]:
+    """A line where noise is correlated over so long that what was read at rest does not tell how large it is."""
+    known = [p for p in rested(fitted) if p.quiet_n]
+    slow = max(known, key=lambda p: p.reading_step_s / (1.0 - min(p.quiet_rho, MOST_RHO)), default=None)
+    if slow is None or slow.quiet_rho < _SLOW:
+        return []
+    error = standard_errors([p.quiet_n for p in known], [p.quiet_rho for p in known])[0]
+    lasts_s = slow.reading_step_s / (1.0 - min(slow.quiet_rho, MOST_RHO))
+    if error < _UNKNOWN:
+        return []
+    return [
+        f"the noise of the {channel} is correlated over {1e3 * lasts_s:.2g} ms, and recordings stand still too shortly "
+        f"to tell its size to better than {100 * error:.0f} %: record a rest of {_RESTS * lasts_s:.2g} s and more"
     ]
 
 

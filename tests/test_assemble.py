@@ -332,3 +332,12 @@ def test_memory_of_the_recording_before(pause, text):
     forgotten = replace(found, recordings=(found.recordings[0], replace(found.recordings[1], rested=True)))
     lost = assemble(forgotten, model).posterior.log_likelihood(q)[0]
     assert value > lost + 100
+
+
+@pytest.mark.parametrize(("rho", "said"), [(0.8, False), (0.999, True)])
+def test_noise_that_is_slower_than_rests_is_said(rho, said):
+    """Correlated over a second, at rest for a few: what is seen there is a fraction of it, or several times as much."""
+    faults = Faults(displacement=ChannelFaults(noise_correlation=rho))
+    fast = replace(CREEP, sampling_Hz=1000.0, protocol=Creep(1000.0, 6.0))
+    warnings = assemble(bench_campaign(plan(fast, faults=faults)), build_model("hooke+gm2")).warnings
+    assert any("recordings stand still too shortly" in w for w in warnings) == said

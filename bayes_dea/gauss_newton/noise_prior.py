@@ -7,13 +7,15 @@ a wrong model would grow until it excuses the mismatch.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..assemble import Assembled
-from ..likelihood.prepare import rested
+from ..likelihood.prepare import Prepared, rested
+from ..noise.quiet import MOST_RHO, standard_errors
 from .whitening import Noise
 
 #: relative accuracy of sigma, absolute one of atanh rho, that quiet stretches are trusted to
@@ -67,19 +69,29 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
             continue
         # a clipped sensor may stand still to the last digit: that says nothing of the others
         levels = [math.log(p.quiet_sd) for p in members if p.quiet_sd > 1e-3 * c.sigma_guess]
-        log_sigma[c.channel] = (math.log(c.sigma_guess), _spread(levels, SIGMA_LOG_SD))
+        known = max(_spread(levels, SIGMA_LOG_SD), _chance(members)[0])
+        log_sigma[c.channel] = (math.log(c.sigma_guess), min(known, UNSEEN_LOG_SD))
         rhos = []
         for j, guess in enumerate(c.rho_guess):
             own = [
-                math.atanh(float(np.clip(p.quiet_rho, -0.999, 0.999)))
+                p
                 for p in rested([p for p in assembled.prepared if p.channel == c.channel and c.rates.of(p) == j])
                 if p.quiet_n and np.isfinite(p.quiet_rho)
             ]
             # at a rate at which nothing was at rest it is not known either
-            spread = _spread(own, RHO_SD) if own else UNSEEN_RHO_SD
-            rhos.append((math.atanh(float(np.clip(guess, -0.995, 0.995))), spread))
+            spread = UNSEEN_RHO_SD
+            if own:
+                values = [math.atanh(float(np.clip(p.quiet_rho, -0.999, MOST_RHO))) for p in own]
+                spread = min(max(_spread(values, RHO_SD), _chance(own)[1]), UNSEEN_RHO_SD)
+            rhos.append((math.atanh(float(np.clip(guess, -0.995, MOST_RHO))), spread))
         atanh_rho[c.channel] = tuple(rhos)
     return NoisePrior(log_sigma, atanh_rho)
+
+
+def _chance(own: Sequence[Prepared]) -> tuple[float, float]:
+    """Standard errors of log sigma and of atanh rho that so many readings at rest leave."""
+    known = [p for p in own if np.isfinite(p.quiet_rho)]
+    return standard_errors([p.quiet_n for p in known], [p.quiet_rho for p in known])
 
 
 def _spread(values: list[float], least: float) -> float:

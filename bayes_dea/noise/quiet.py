@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
 
 from bayes_dea.campaign.order import median
 from bayes_dea.campaign.pace import pace_of
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 LAGS = 20
 #: missing readings in a row that are bridged, and the share of a window's rows that has to be read all the same
 _BRIDGED, _READ = 8, 0.5
+#: correlation times, 1 / (1 - rho) rows, that windows are to be long, and rows of the longest; correlations (of either
+#: sign) that windows of any length tell, and the largest of all
+_LONG_ENOUGH, _LONGEST, _TOLD, MOST_RHO = 12.0, 1 << 16, 0.99, 0.9999
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,7 @@ class QuietNoise:
     sd: float  # marginal standard deviation
     rho: float  # lag-one correlation of the AR(1) process that was fitted
     autocorrelation: Array = field(repr=False)  # lags 0..20, shape (21,); nan without quiet stretches
-    n: int  # samples used; 0 where the recording has no quiet stretch
+    n: int  # samples used (fewer where windows are short for the correlation); 0 where there is no quiet stretch
     warnings: tuple[str, ...] = ()
 
 
@@ -38,8 +42,8 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     """Sd and autocorrelation of the noise where the input stands still.
 
     Stretches of constant input, from `settle_s` (and at least one window) after its last change on, are
-    cut into windows of 256, 128 or 64 samples; a parabola is taken off each, so that creep does not count, and what
-    swings at `lines_Hz`.
+    cut into windows of 256, 128 or 64 samples, or longer ones where the noise is correlated over more than a twelfth of
+    these; a parabola is taken off each, so that creep does not count, and what swings at `lines_Hz`.
     Up to 8 missing readings in a row, drop-outs or gaps, end no stretch: they are bridged for the parabola and do not
     count. Readings beyond five robust sds (MAD) of their window are bridged, and windows of more than six
     times the median variance left out. What is taken off is given back to the autocovariance, exactly for
@@ -78,12 +82,26 @@ def quiet_noise(y: ArrayLike, u: ArrayLike, time_s: ArrayLike, *, mask: ArrayLik
     if lost.any():
         whole, filled = copied(good), copied(values)
         _bridge(filled, whole, drive, lost, tolerance, _BRIDGED)
-    for width in (256, 128, 64):
+    angles = [2 * np.pi * f * step for f in lines_Hz]
+
+    def windows(width: int) -> NDArray[np.int64]:
         starts = still_windows(drive, whole, tolerance, width, max(settle, width))
-        if whole is not good:
-            starts = starts[np.array([np.mean(good[k : k + width]) >= _READ for k in starts], dtype=np.bool_)]
+        if whole is good:
+            return starts
+        return starts[np.array([np.mean(good[k : k + width]) >= _READ for k in starts], dtype=np.bool_)]
+
+    for width in (256, 128, 64):
+        starts = windows(width)
         if starts.size >= 8 or (width == 64 and starts.size):
-            return _from_windows(filled, good, starts, width, [2 * np.pi * f * step for f in lines_Hz])
+            found = _from_windows(filled, good, starts, width, angles)
+            while (1.0 - found.rho) * width < _LONG_ENOUGH and width < _LONGEST:
+                # a parabola takes off most of what is correlated over as long as it
+                width *= 2
+                starts = windows(width)
+                if starts.size < 8:
+                    break
+                found = _from_windows(filled, good, starts, width, angles)
+            return found
     return _without_rest(kept(values, good))
 
 
@@ -103,6 +121,17 @@ def _bridge(y, good, u, lost, tolerance, most):
                 y[k] = y[i - 1] + (y[j] - y[i - 1]) * (k - i + 1) / (j - i + 1)
                 good[k] = True
         i = j
+
+
+def standard_errors(n: Sequence[int], rho: Sequence[float]) -> tuple[float, float]:
+    """Standard errors of log sd and atanh rho from recordings of n readings of AR(1) noise each; one a number.
+
+    var(sd^2) is 2 sd^4 (1 + rho^2) / ((1 - rho^2) n) and var(rho) is (1 - rho^2) / n (Bartlett): of what is correlated
+    over many readings few are independent.
+    """
+    count, square = np.array(n, dtype=float), np.minimum(np.abs(np.array(rho, dtype=float)), MOST_RHO) ** 2
+    level, colour = np.sum(2.0 * count * (1.0 - square) / (1.0 + square)), np.sum(count * (1.0 - square))
+    return float(1.0 / np.sqrt(max(level, 1e-9))), float(1.0 / np.sqrt(max(colour, 1e-9)))
 
 
 def stillness(u: Array) -> float:
@@ -147,8 +176,9 @@ def _from_windows(
 ) -> QuietNoise:
     """good (n,): rows that count. lines: angles from sample to sample of what is taken off each window beside a
     parabola."""
-    if starts.size > 4000:  # a million samples say enough
-        starts = starts[np.linspace(0, starts.size - 1, 4000).astype(int)]
+    most = 4000 * 256 // width if width > 256 else 4000  # a million samples say enough
+    if starts.size > most:
+        starts = starts[np.linspace(0, starts.size - 1, most).astype(int)]
     x = np.linspace(-1, 1, width)
     angles = np.arange(width) * np.array(lines)[:, None]
     basis, _ = np.linalg.qr(np.stack([np.ones(width), x, x * x, *np.cos(angles), *np.sin(angles)], axis=1))
@@ -177,6 +207,8 @@ def _from_windows(
     if not observed[0] > 0:
         return QuietNoise(0.0, 0.0, np.r_[1.0, np.zeros(LAGS)], pairs[0],
                           ("the recording does not scatter at all where its input stands still",))
+    # what is correlated over longer than a window cannot be told from creep
+    most = min(max(_TOLD, 1.0 - 2.0 / width), MOST_RHO)
     rho = float(np.clip(observed[1] / observed[0], -0.95, 0.95))
     gamma = observed
     for _ in range(8):
@@ -184,17 +216,26 @@ def _from_windows(
         true = rho ** np.arange(LAGS + 1)
         level = observed[0] / taken[0]
         gamma = observed + level * (true - taken)
-        rho = float(np.clip(gamma[1] / gamma[0], -0.99, 0.99))
-    return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], pairs[0])
+        rho = float(np.clip(gamma[1] / gamma[0], -_TOLD, most))
+    # short windows tell less of it than they have readings
+    told = min(1.0, (1.0 - rho) * width / _LONG_ENOUGH)
+    return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], max(int(told * pairs[0]), 1))
 
 
 def _ar1_expected(rho: float, width: int, basis: Array) -> Array:
-    """Expected autocovariances, lags 0..20, of unit AR(1) noise after the projection."""
-    lag = np.arange(width)
-    full = rho ** np.abs(lag[:, None] - lag)
-    full = full - basis @ (basis.T @ full)
-    full = full - (full @ basis) @ basis.T
-    return np.array([float(np.mean(np.diagonal(full, k))) for k in range(LAGS + 1)])
+    """Expected autocovariances, lags 0..20, of unit AR(1) noise after the projection.
+
+    Means of the diagonals of (1 - BB') R (1 - BB') with basis B (width, m); of R, RB alone is made, by recursions.
+    """
+    recursion = [1.0], [1.0, -rho]
+    RB = lfilter(*recursion, basis, axis=0) + lfilter(*recursion, basis[::-1], axis=0)[::-1] - basis
+    BRB = basis @ (basis.T @ RB)
+    out = np.empty(LAGS + 1)
+    for k in range(LAGS + 1):
+        early, late = slice(0, width - k), slice(k, width)
+        one = np.sum(basis[early] * RB[late]) + np.sum(RB[early] * basis[late]) - np.sum(BRB[early] * basis[late])
+        out[k] = rho**k - one / (width - k)
+    return out
 
 
 def _without_rest(y: Array) -> QuietNoise:

@@ -32,5 +32,5 @@ def test_its_error_is_what_it_scatters_by_also_of_a_sensor_that_is_read_slowly(e
     rng = np.random.default_rng(1)
     lines = [seen(every, rng) for _ in range(200)]
     assert np.mean([x.amplitude for x in lines]) == pytest.approx(5e-6, rel=0.02)
-    # by the step of the rows the same error would be 1.8 and 3.5 times as large
+    # by the step of the rows the stated error would be 1.8 and 3.5 times as large at every = 3 and 8
     assert np.std([x.amplitude for x in lines]) == pytest.approx(lines[0].sd, rel=0.15)

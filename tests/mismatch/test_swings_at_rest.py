@@ -50,19 +50,20 @@ def test_noise_has_no_line(rho, scale):
         assert swinging(fitted(concealed(rho=rho, scale=scale, seed=seed)), STEP_M) is None
 
 
-def stood_still(rate_Hz, hz, amplitude_m, seconds=60.0, sd_m=4.7e-6, seed=1):
+def stood_still(rate_Hz, hz, amplitude_m, seconds=60.0, sd_m=4.7e-6, seed=1, rho=0.0, hum_m=2e-6):
     """A fit, as far as it matters here, of one recording at rest that swings and hums."""
     rng, n = np.random.default_rng(seed), int(seconds * rate_Hz)
     t = np.arange(n) / rate_Hz
-    hum = sum(2e-6 * np.sin(2 * np.pi * k * 50.03 * t + k) for k in range(1, 8))
-    y = sd_m * rng.standard_normal(n) + amplitude_m * np.sin(2 * np.pi * hz * t) + hum
+    hum = sum(hum_m * np.sin(2 * np.pi * k * 50.03 * t + k) for k in range(1, 8))
+    noise = lfilter([np.sqrt(1.0 - rho**2)], [1.0, -rho], rng.standard_normal(n + 20_000))[20_000:]
+    y = sd_m * noise + amplitude_m * np.sin(2 * np.pi * hz * t) + hum
     prepared = SimpleNamespace(
         y=y, observed=np.ones(n, dtype=bool), reading_step_s=1 / rate_Hz,
         recording=SimpleNamespace(time_s=t, columns={"voltage_V": np.full(n, 500.0)}),
     )
     piece = SimpleNamespace(name="rest.csv", channel="displacement", group=0, prepared=prepared)
     problem = SimpleNamespace(pieces=[piece], rows=lambda q: [np.zeros(n)], beside=lambda q: (None, [0.0]))
-    return SimpleNamespace(problem=problem, q=None)
+    return SimpleNamespace(problem=problem, q=None, noise=SimpleNamespace(of=lambda piece: (sd_m, rho)))
 
 
 @pytest.mark.parametrize(("rate_Hz", "hz"), [
@@ -80,6 +81,16 @@ def test_a_line_is_seen_at_any_sampling_rate_and_mains_is_none(rate_Hz, hz):
     times = 31.0 * max(1.0, 1000.0 / rate_Hz) * max(1.0, rate_Hz / 1000.0)
     assert 0.65 * times < found.ratio < 1.2 * times  # between bins it is a third less
     assert swinging(stood_still(rate_Hz, hz, 0.0, seconds), STEP_M) is None
+
+
+@pytest.mark.parametrize(("rate_Hz", "rho"), [(1000.0, 0.95), (1000.0, 0.99), (10_000.0, 0.995), (10_000.0, 0.999)])
+def test_noise_that_is_correlated_over_long_has_no_line_but_may_hide_none(rate_Hz, rho):
+    """Its spectrum falls from 8 Hz on and less: the median of what is around its lowest bins is far below these."""
+    for seed in range(3):
+        assert swinging(stood_still(rate_Hz, 11.3, 0.0, 150.0, rho=rho, seed=seed, hum_m=0.0), STEP_M) is None
+    found = swinging(stood_still(rate_Hz, 11.3, 4e-6, 150.0, rho=rho, hum_m=0.0), STEP_M)
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(11.3, abs=1.0)
 
 
 def test_what_a_wrong_model_leaves_creeps_and_does_not_swing():

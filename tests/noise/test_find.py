@@ -15,6 +15,7 @@ from bayes_dea.noise.find import (
     quiet_noise,
     stuck_rows,
 )
+from bayes_dea.noise.quiet import standard_errors
 
 
 def ar1(rng, n, rho, sd=1.0):
@@ -294,6 +295,39 @@ class TestQuiet:
         found = quiet_noise(y, u, t)
         assert whole.n - 10 * 1024 < found.n < whole.n - 10 * 100
         assert found.sd == pytest.approx(4.7, rel=0.02)
+
+    @pytest.mark.parametrize("rho", [0.98, 0.995, 0.998])
+    def test_noise_that_is_correlated_over_long(self, rho):
+        """At 10 kHz over 5 to 50 ms, at rest for 20 s in three stretches: n (1 - rho^2) / 2 of n readings count."""
+        rng = np.random.default_rng(37)
+        n = 200_000
+        t = 1e-4 * np.arange(n)
+        u = np.where((t > 4) & (t < 14), 800.0, 0.0)
+        y = 100.0 * lfilter([3e-4], [1.0, -0.9997], u / 800.0)
+        found = [quiet_noise(y + ar1(rng, n, rho, 4.7), u, t) for _ in range(4)]
+        assert min(q.n for q in found) > 0.5 * n
+        # windows of 12 correlation times and a parabola leave half as much again
+        error = 1.5 * (found[0].n * (1.0 - rho**2)) ** -0.5
+        assert np.log([q.sd / 4.7 for q in found]) == pytest.approx(np.zeros(4), abs=3.5 * error)
+        assert np.arctanh([q.rho for q in found]) == pytest.approx(np.full(4, np.arctanh(rho)), abs=3.5 * error)
+
+    def test_windows_that_are_too_short_for_a_correlation_say_so(self):
+        """Plateaus of 0.1 s at 10 kHz, correlated over as long: few of the readings count."""
+        rng = np.random.default_rng(38)
+        t = 1e-4 * np.arange(100_000)
+        u = 800.0 * (np.floor(t / 0.1) % 2)
+        q = quiet_noise(ar1(rng, t.size, 0.999, 4.7), u, t, settle_s=0.01)
+        assert 0 < q.n < 0.2 * t.size
+        assert standard_errors([q.n], [q.rho])[1] > 0.02
+
+    def test_standard_errors(self):
+        """Of 300 draws of 4000 readings with rho 0.9, against what mean squares and products of these scatter by."""
+        rng = np.random.default_rng(39)
+        x = np.array([ar1(rng, 4000, 0.9) for _ in range(300)])
+        level, rho = np.mean(x**2, axis=1), np.mean(x[:, 1:] * x[:, :-1], axis=1) / np.mean(x**2, axis=1)
+        expected = np.std(0.5 * np.log(level)), np.std(np.arctanh(rho))
+        assert standard_errors([4000], [0.9]) == pytest.approx(expected, rel=0.15)
+        assert standard_errors([1000] * 4, [0.9] * 4) == pytest.approx(standard_errors([4000], [0.9]))
 
     def test_short_plateaus(self):
         rng = np.random.default_rng(22)

@@ -77,13 +77,15 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
     rows = fit.problem.rows(fit.q)
     _, gains = fit.problem.beside(fit.q)
     by_step: dict[float, list[tuple[str, Array]]] = {}
+    rho: dict[float, float] = {}
     for piece, x in zip(fit.problem.pieces, rows, strict=True):
         if piece.channel == "displacement":
             step = round(piece.prepared.reading_step_s, 7)
             found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x, _rows(step))
             if len(found):
                 by_step.setdefault(step, []).append((piece.name, found))
-    lines = [line for step, parts in by_step.items() if (line := _line(step, parts)) is not None]
+                rho[step] = fit.noise.of(piece)[1]
+    lines = [line for step, parts in by_step.items() if (line := _line(step, parts, rho[step])) is not None]
     lines = [line for line in lines if line.amplitude_m >= resolution]
     return max(lines, key=lambda line: line.amplitude_m) if lines else None
 
@@ -111,8 +113,8 @@ def _segments(piece: Piece, left: Array, n: int) -> Array:
     return np.asarray(periodogram(detrend(np.array(parts)), window="hann", detrend=False)[1], dtype=float)
 
 
-def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
-    """What stands out most of the mean periodogram of recordings at one sampling step."""
+def _line(step_s: float, parts: list[tuple[str, Array]], rho: float) -> Swinging | None:
+    """What stands out most of the mean periodogram of recordings at one sampling step, whose noise has this rho."""
     every = np.concatenate([found for _, found in parts])
     count = len(every)
     if count < _LEAST:
@@ -126,11 +128,13 @@ def _line(step_s: float, parts: list[tuple[str, Array]]) -> Swinging | None:
             seen_Hz = abs(line - round(line * step_s) / step_s)  # what is faster than is sampled is folded back
             at, reach = round(seen_Hz / width_Hz), max(_MAINS, round(_OFF * line / width_Hz))
             usable[max(at - reach, 0) : at + reach + 1] = False
+    # neighbours of a line lie on the noise's own slope, which is steep where it is correlated over tens of milliseconds
+    slope = 1.0 / np.abs(1.0 - rho * np.exp(-2j * np.pi * np.arange(power.size) / rows)) ** 2
     ratios = np.zeros(power.size)
     for at in map(int, np.flatnonzero(usable)):
         near = np.arange(max(at - _AROUND, _SLOW), min(at + _AROUND + 1, power.size - 2))
         near = near[(np.abs(near - at) > _OWN) & usable[near]]
-        floor = float(np.median(power[near])) if near.size >= _AROUND // 2 else np.inf
+        floor = float(slope[at] * np.median(power[near] / slope[near])) if near.size >= _AROUND // 2 else np.inf
         ratios[at] = power[at] / max(floor, 1e-300)
     k = int(np.argmax(ratios))
     ratio = float(ratios[k])

@@ -67,8 +67,8 @@ def _most_unlike(seen: Sequence[Prepared], resolution: float, pairs: float) -> U
     order = sorted(seen, key=lambda p: p.quiet_sd)
     calm, noisy = order[0], order[-1]
     low, high = calm.quiet_sd, noisy.quiet_sd  # without lines of the mains
-    # of correlated readings fewer are independent
-    rho = float(np.clip(calm.quiet_rho, 0.0, 0.99))
+    # of correlated readings fewer are independent; what is slow may hide in the short windows of the calm one
+    rho = float(np.clip(max(calm.quiet_rho, float(np.median([p.quiet_rho for p in seen]))), 0.0, 0.9999))
     error = math.sqrt(sum(0.5 / p.quiet_n for p in (calm, noisy)) * (1.0 + rho**2) / (1.0 - rho**2))
     if low <= 0.0 or high < _RATIO * low or math.sqrt(high**2 - low**2) < resolution:
         return None
@@ -80,5 +80,5 @@ def _most_unlike(seen: Sequence[Prepared], resolution: float, pairs: float) -> U
 
 def _other_colour(a: Prepared, b: Prepared) -> bool:
     """Whether the correlation of neighbouring readings differs (Bartlett's variance (1 - rho^2) / n of AR(1))."""
-    variance = sum((1.0 - min(abs(p.quiet_rho), 0.999) ** 2) / p.quiet_n for p in (a, b))
+    variance = sum((1.0 - min(abs(p.quiet_rho), 0.9999) ** 2) / p.quiet_n for p in (a, b))
     return abs(a.quiet_rho - b.quiet_rho) > _COLOUR * math.sqrt(variance)
