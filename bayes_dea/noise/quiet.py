@@ -208,7 +208,7 @@ def _from_windows(
         return QuietNoise(0.0, 0.0, np.r_[1.0, np.zeros(LAGS)], pairs[0],
                           ("the recording does not scatter at all where its input stands still",))
     # what is correlated over longer than a window cannot be told from creep
-    most = min(max(_TOLD, 1.0 - 2.0 / width), MOST_RHO)
+    largest = min(max(_TOLD, 1.0 - 2.0 / width), MOST_RHO)
     rho = float(np.clip(observed[1] / observed[0], -0.95, 0.95))
     gamma = observed
     for _ in range(8):
@@ -216,7 +216,7 @@ def _from_windows(
         true = rho ** np.arange(LAGS + 1)
         level = observed[0] / taken[0]
         gamma = observed + level * (true - taken)
-        rho = float(np.clip(gamma[1] / gamma[0], -_TOLD, most))
+        rho = float(np.clip(gamma[1] / gamma[0], -_TOLD, largest))
     # short windows tell less of it than they have readings
     told = min(1.0, (1.0 - rho) * width / _LONG_ENOUGH)
     return QuietNoise(float(np.sqrt(gamma[0])), rho, gamma / gamma[0], max(int(told * pairs[0]), 1))

@@ -6,12 +6,17 @@ from types import MappingProxyType
 
 import numpy as np
 import pytest
+from bench_campaigns import bench_campaign
 from concealed_campaigns import concealed
 from scipy.signal import lfilter
 
 from bayes_dea.assemble import assemble
+from bayes_dea.bench.nuisance import ChannelFaults, Faults
+from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
+from bayes_dea.bench.protocols import Creep, Wave
 from bayes_dea.gauss_newton.noise_prior import UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
 from bayes_dea.likelihood.prepare import rested
+from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.models.model import build_model
 
 SIGMA, RHO = 4.7e-6, 0.7
@@ -66,6 +71,30 @@ def test_a_sensor_that_is_read_at_every_fifth_row_is_at_rest_as_well():
     assert channel.sigma_guess == pytest.approx(total, rel=0.05)
     assert channel.rho_guess[0] == pytest.approx((4.0 * RHO + RHO**5) / 5.0, abs=0.05)
     assert assembled.posterior.channels[0].rates.steps_s == (pytest.approx(5e-3),)
+
+
+@pytest.fixture(scope="module")
+def slow_noise():
+    """Three creeps and a sine of 4 s at 10 kHz, noise correlated over 50 ms, nothing left out."""
+    creeps = [RecordingPlan(f"creep_{v}V.csv", Creep(v, 4.0, 1, 1.0, 1.0), "identify", 1e4) for v in (600, 800, 1100)]
+    wave = RecordingPlan("sine.csv", Wave("sine", 1.0, cycles=4), "identify", 1e4)
+    faults = Faults(displacement=ChannelFaults(noise_correlation=0.998))
+    return bench_campaign(CampaignPlan("slow", (*creeps, wave), faults=faults), seed=4)
+
+
+def test_noise_that_is_slow_against_the_sampling_is_within_its_prior(slow_noise):
+    """What rests say of it is off by 5 % and more, and the prior says so: it would have been 2 um for certain."""
+    prior = noise_prior(assemble(slow_noise, build_model("hooke+gm3")))
+    true = type(prior.start())({"displacement": SIGMA}, {"displacement": (0.998,)})
+    assert np.all(np.abs(prior.coordinates(true, "displacement")) < 3.0)
+    assert prior.log_sigma["displacement"][1] < 0.2  # and yet it is known
+
+
+@pytest.mark.long
+def test_slow_noise_is_no_physics(slow_noise):
+    s = diagnose(slow_noise, "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "none"
+    assert s["confidence"] > 0.8
 
 
 class Seen:
