@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import threading
 import time
 from dataclasses import dataclass
@@ -24,6 +25,11 @@ _OVERSHOOT = 1.01, 1.0
 _POLL_S = 0.004
 #: how a device without a word to stop is ramped down
 _RAMP_S, _RAMP_STEPS = 0.5, 10
+#: how often a device that would not ramp down by itself is told so again
+_AGAIN_S = 0.1
+#: a voltage that is written out may be rounded by this share of the limit
+_ROUNDED = 0.01
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -97,10 +103,44 @@ def check_words(form: LineFormat | None, where: str, zero: bool, play: bool, vol
                              f"understands, as {example}")
 
 
+def check_voltage_word(form: LineFormat | None, where: str, limit_V: float) -> None:
+    """Raises InputError where a device's word for voltages cannot be filled in, or does not say the voltage.
+
+    Such a word would pass every limit, and the ramp to zero would not be one.
+    """
+    if form is None:
+        return
+    for volts in (0.0, 0.637 * limit_V, limit_V):
+        remedy = 'write {volts} where the number stands, as volts = "SET {volts:.1f}"'
+        said = _filled(form.volts, f"{where}: [device] volts", remedy, volts=volts)
+        if not any(abs(float(n) - volts) <= _ROUNDED * limit_V for n in _NUMBER.findall(said)):
+            raise InputError(f"{where}: [device] volts = {form.volts!r} sends {said!r} for {volts:g} V; {remedy}")
+
+
+def check_name_word(form: LineFormat | None, where: str, name: str) -> None:
+    """Raises InputError where the name of a programme cannot be sent, or a device's word for it does not hold it."""
+    if not name.isascii():
+        raise InputError(f"--play {name}: cannot be sent; what a device understands is plain ASCII")
+    if form is None:
+        return
+    remedy = 'write {name} where the name stands, as play = "RUN {name}"'
+    said = _filled(form.play, f"{where}: [device] play", remedy, name=name)
+    if name not in said:
+        raise InputError(f"{where}: [device] play = {form.play!r} sends {said!r} for {name}; {remedy}")
+
+
+def _filled(word: str, what: str, remedy: str, **value: float | str) -> str:
+    try:
+        return word.format(**value)
+    except (LookupError, ValueError, AttributeError, TypeError) as error:
+        raise InputError(f"{what} = {word!r} cannot be filled in ({error}); {remedy}") from None
+
+
 class Driver:
     """Starts, plays and stops. After a broken connection nothing is commanded any more.
 
     adaptive: commands come while it runs, through `stream`. `done`: the command that was streamed is at its end.
+    `unheard`: after `end`, why the voltage may still be on; empty where the device was told, or ramps down unasked.
     """
 
     def __init__(self, reader: Reader, actuator: Actuator, play: str | None, command: Command | None,
@@ -111,6 +151,7 @@ class Driver:
         self._sent = 0.0  # the last voltage that was streamed
         self.done = threading.Event()
         self.error: BaseException | None = None
+        self.unheard = ""
         drives = play is not None or command is not None or adaptive
         self._limit = limit_of(actuator, own_V) if drives or own_V is not None else actuator.max_voltage_V
 
@@ -155,21 +196,37 @@ class Driver:
             raise BayesDEAError(f"the bench reports {most:g} V, beyond the limit of {limit:g} V; it was told to stop")
 
     def end(self) -> None:
-        """Voltage to zero, whatever happened before. Errors are swallowed: the device ramps down by itself."""
+        """Voltage to zero, whatever happened before. Nothing is raised; see `unheard`."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout=1.0)
         r = self._reader
         r.wanted = False
-        if r.form.stop:
+        last = r.form.stop
+        heard = True
+        if last:
             try:
-                r.ask(r.form.stop, 1.0)
+                r.ask(last, 1.0)
             except BayesDEAError:
-                r.say(r.form.stop)
+                heard = r.say(last)
         elif self._command is not None or self._adaptive:  # a device that only knows voltages
             for volts in np.linspace(self._sent, 0.0, _RAMP_STEPS + 1)[1:]:
-                r.say(r.form.volts.format(volts=float(volts)))
+                last = r.form.volts.format(volts=float(volts))
+                heard = r.say(last)
                 time.sleep(_RAMP_S / _RAMP_STEPS)
+        if not heard and self.drives and r.foreign:
+            self._insist(last)
+
+    def _insist(self, words: str) -> None:
+        """Say it until it has gone out: the line may come back, and this device waits for what it is told."""
+        r = self._reader
+        until = time.monotonic() + r.patience_s
+        while not r.say(words):
+            if time.monotonic() > until or not (r.connected or r.is_alive()):
+                self.unheard = (f"The device could not be told {words!r} at the end: the voltage may still be on. "
+                                "Switch the supply off by hand.")
+                return
+            time.sleep(_AGAIN_S)
 
     def _follow(self, command: Command) -> None:
         """Follow the command by the device's clock: what was in force is what the device reports."""
@@ -191,7 +248,11 @@ class Driver:
                 if volts != sent:
                     if abs(volts) > limit:  # read_command has checked it; this is the last gate before the wire
                         raise BayesDEAError(f"{volts:g} V is beyond {limit:g} V")
-                    r.say(r.form.volts.format(volts=volts))
+                    words = r.form.volts.format(volts=volts)
+                    self._sent = max(self._sent, volts, key=abs)  # it may have gone out even where that fails
+                    if not r.say(words):
+                        raise BayesDEAError(f"{r.url}: {words!r} could not be sent while a command was streamed; the "
+                                            "voltage ramps to zero and the command is not taken up again")
                     sent = self._sent = volts
                 time.sleep(_POLL_S)
             self.done.set()

@@ -151,6 +151,8 @@ def parse_device(given: Mapping[str, object], where: str) -> LineFormat:
         value = given.get(key, "#" if key == "comment" else "")
         if not isinstance(value, str):
             raise InputError(f"{where}: {key} must be a text in quotation marks")
+        if key != "comment" and not value.isascii():
+            raise InputError(f"{where}: {key} = {value!r} cannot be sent: a word for the device is plain ASCII")
         words[key] = value
     kind = given.get("checksum", "none")
     if kind not in ("none", "xor"):

@@ -50,7 +50,8 @@ class Reader(threading.Thread):
     """Reads `url` (anything that pyserial opens) until `finish`.
 
     Samples go to `batches`, answers (OK .., ERR ..) to `answers`. `lost`: set at the first lost connection, never
-    cleared. `ended`: the device's programme has come to its end. `error`: what ended the thread.
+    cleared. `ended`: the device's programme has come to its end. `error`: what ended the thread. `foreign`: the device
+    is of another make; what is not told to it, it does not do.
     """
 
     def __init__(self, url: str, baud: int, form: LineFormat | None, journal: Journal, zeroed: bool = False,
@@ -58,7 +59,7 @@ class Reader(threading.Thread):
         super().__init__(name="live reader", daemon=True)
         self.url, self.baud, self.journal, self.patience_s = url, baud, journal, patience_s
         self.form = form or own_format()
-        self._foreign = form is not None
+        self.foreign = form is not None
         self.zeroed = zeroed
         self.batches: queue.SimpleQueue[Batch] = queue.SimpleQueue()
         self.answers: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -87,7 +88,7 @@ class Reader(threading.Thread):
         return self._port is not None
 
     def say(self, words: str) -> bool:
-        """Send one line; False where the connection is broken."""
+        """Send one line; False where it did not go out: the connection is broken, or takes nothing."""
         with self._lock:
             if self._port is None:
                 return False
@@ -106,7 +107,7 @@ class Reader(threading.Thread):
             self.answers.get()
         if not self.say(words):
             raise BayesDEAError(f"{self.url}: the connection broke as '{words}' was sent")
-        if self._foreign:
+        if self.foreign:
             return ""
         until = time.monotonic() + timeout_s
         while time.monotonic() < until and self.error is None:
@@ -228,7 +229,7 @@ class Reader(threading.Thread):
                 self._in_order(sample, line, rows, now)
             elif line.startswith(comment):
                 self._remark(line)
-            elif line.startswith((b"OK", b"ERR")) and not self._foreign:
+            elif line.startswith((b"OK", b"ERR")) and not self.foreign:
                 self._fragment = False
                 self.answers.put(line.decode("ascii", "replace"))
             else:
@@ -238,7 +239,7 @@ class Reader(threading.Thread):
 
     def _remark(self, line: bytes) -> None:
         text = line.decode("ascii", "replace")
-        columns = None if self._foreign else header_columns(text)
+        columns = None if self.foreign else header_columns(text)
         if columns is not None:
             self.form = format_of_header(columns)
             now = time.monotonic()

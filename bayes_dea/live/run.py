@@ -21,7 +21,7 @@ from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
 from ..results import read_json, write_bytes, write_json
 from .adaptive import Adaptive, AdaptiveSettings
-from .driver import Driver, check_words, read_command
+from .driver import Driver, check_name_word, check_voltage_word, check_words, limit_of, read_command
 from .follow import make_learner
 from .journal import Journal
 from .learner import Learner, LearnerSettings, Session, Update
@@ -157,7 +157,12 @@ def _follow(
     built = build_model(model, priors) if isinstance(model, str) else model
     bench = read_bench(campaign)
     form = read_device(s.device)
-    check_words(form, str(s.device), s.zero, s.play is not None, s.command is not None or s.adaptive is not None)
+    streams = s.command is not None or s.adaptive is not None
+    check_words(form, str(s.device), s.zero, s.play is not None, streams)
+    if s.play is not None:
+        check_name_word(form, str(s.device), s.play)
+    if streams:
+        check_voltage_word(form, str(s.device), limit_of(bench.actuator, s.max_voltage_V))
     command = read_command(s.command, bench.actuator, s.max_voltage_V) if s.command is not None else None
     run = _Run(out, make_learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
     last = run.recover(resume)
@@ -167,14 +172,23 @@ def _follow(
     reader.start()
     began = time.perf_counter()
     try:
-        driver.begin(s.zero)
-        run.follow(reader, driver, stop)
-        run.complete = True
-    finally:
-        driver.end()
-        run.tail(reader)
-        run.seconds["follow"] = time.perf_counter() - began
-        run.conclude(reader.lost.is_set())
+        try:
+            driver.begin(s.zero)
+            run.follow(reader, driver, stop)
+            run.complete = True
+        finally:
+            try:
+                driver.end()
+            finally:  # a second Ctrl-C while the device is told does not cost what was learned
+                run.tail(reader)
+                run.seconds["follow"] = time.perf_counter() - began
+                run.conclude(reader.lost.is_set(), driver.unheard)
+    except BaseException as error:
+        if driver.unheard:  # whatever ended the run, this has to be read
+            raise BayesDEAError(f"{error} {driver.unheard}".strip()) from error
+        raise
+    if driver.unheard:
+        raise BayesDEAError(driver.unheard)
     return run.summary
 
 
@@ -400,8 +414,8 @@ class _Run:
             write_json(self.out / LIVE_FILE, self._summary({}, {}, False))
 
     # ------------------------------------------------------------ after
-    def conclude(self, broke: bool) -> None:
-        """Learn from what is left, and write the results."""
+    def conclude(self, broke: bool, unheard: str = "") -> None:
+        """Learn from what is left, and write the results. unheard: as of the driver."""
         began = time.perf_counter()
         try:
             self.journal.close()
@@ -413,6 +427,8 @@ class _Run:
             if self.adaptive is not None:
                 self.adaptive.spent_s = self._earlier_s + self._elapsed()
                 self.adaptive.close()
+            if unheard:
+                self.warnings.append(unheard)
             if broke:
                 self.warnings.append("The connection broke while the run lasted; what came in between is not there, "
                                      "and nothing was put in its place.")
