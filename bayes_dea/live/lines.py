@@ -27,7 +27,8 @@ class Column:
 class LineFormat:
     """How samples are written. The default is that of CONTRACT 6; `fields` is how many a line has.
 
-    start, stop, zero, volts, ask: words for the device; empty where it has none. `volts` holds {volts}.
+    delimiter: one character, or "whitespace" for any amount of it, as in `[format]`. start, stop, zero, volts, ask:
+    words for the device; empty where it has none. `volts` holds {volts}.
     """
 
     columns: Mapping[str, Column]
@@ -76,7 +77,7 @@ def parse_sample(line: bytes, form: LineFormat) -> tuple[float, float, float] | 
         if said != checksum(body):
             return "wrong checksum"
     try:
-        parts = body.decode("ascii").split(form.delimiter)
+        parts = body.decode("ascii").split(None if form.delimiter == "whitespace" else form.delimiter)
         if len(parts) != form.fields:
             return f"{len(parts)} columns instead of {form.fields}"
         if form.decimal != ".":
@@ -133,6 +134,9 @@ def parse_device(given: Mapping[str, object], where: str) -> LineFormat:
         source = name if m is None else m.name
         if m is not None and m.index is not None:
             index = m.index - 1
+            if index >= len(order):
+                raise InputError(f"{where}: columns.{name}: index = {m.index}, but order names {len(order)} columns on "
+                                 "a line; name all that stand there, or correct index")
         elif source in order:
             index = order.index(source)
         else:

@@ -71,6 +71,25 @@ def test_a_device_of_another_make():
     assert form.volts.format(volts=12.34) == "SET 12.3"
 
 
+@pytest.mark.parametrize("given", ["whitespace", "space", " "])
+def test_a_device_that_separates_by_spaces(given):
+    """Any number of them, and at the ends of a line too: that is how numbers are put in columns."""
+    form = parse_device({"order": ["time_s", "voltage_V", "displacement_m"], "delimiter": given}, "[device]")
+    for line in (b"1.5 650 1e-4", b"  1.5   650\t1e-4 "):
+        assert parse_sample(line, form) == (1.5, 650.0, 1e-4)
+    assert parse_sample(b"1.5 650", form) == "2 columns instead of 3"
+    tab = parse_device({"order": ["time_s", "voltage_V", "displacement_m"], "delimiter": "tab"}, "[device]")
+    assert parse_sample(b"1.5\t650\t1e-4", tab) == (1.5, 650.0, 1e-4)
+
+
+def test_a_column_by_its_place_on_the_line():
+    table = {"order": ["time_s", "voltage_V", "y"], "columns": {"displacement_m": {"index": 3}}}
+    assert parse_sample(b"1.5,650,1e-4", parse_device(table, "[device]")) == (1.5, 650.0, 1e-4)
+    table["columns"] = {"displacement_m": {"index": 4}}
+    with pytest.raises(InputError, match=r"columns\.displacement_m: index = 4, but order names 3 columns"):
+        parse_device(table, "[device]")
+
+
 @pytest.mark.parametrize(("table", "message"), [
     ({}, "order is missing"),
     ({"order": ["t"], "speed": 3}, "speed"),
