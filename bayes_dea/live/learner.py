@@ -57,6 +57,10 @@ class LearnerSettings:
     sequential: SequentialSettings = SequentialSettings()
     monitor: MonitorSettings = MonitorSettings()
 
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.block_s) and self.block_s > 0):
+            raise InputError(f"--block {self.block_s:g}: give the length of a block in seconds")
+
 
 @dataclass(frozen=True)
 class Update:

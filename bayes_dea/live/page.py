@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hmac
+import re
 import secrets
 import socket
 import threading
@@ -24,7 +25,7 @@ _POINTS = 1500
 def page_address(text: str) -> tuple[str, int]:
     """Host and port of "PORT" or "HOST:PORT". Raises InputError."""
     host, _, port = text.rpartition(":")
-    if not port.isdigit() or int(port) > 65535:
+    if not re.fullmatch("[0-9]{1,5}", port) or int(port) > 65535:
         raise InputError(f"--serve {text}: give a port, or HOST:PORT; port 0 takes one that is free")
     return host or "127.0.0.1", int(port)
 

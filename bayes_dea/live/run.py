@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import queue
 import time
 from collections import deque
@@ -61,6 +62,10 @@ class LiveSettings:
     learner: LearnerSettings = LearnerSettings()
     adaptive: AdaptiveSettings | None = None
     max_voltage_V: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.duration_s is not None and math.isnan(self.duration_s):
+            raise InputError("--duration nan: give seconds of the device's time")
 
 
 @dataclass
@@ -192,6 +197,20 @@ def _follow(
     return run.summary
 
 
+def _earlier(path: Path) -> dict[str, Any]:
+    """live.json of the run before; empty where there is none. Raises InputError where it is not whole."""
+    if not path.exists():
+        return {}
+    try:
+        content = read_json(path)
+        if not isinstance(content, dict):
+            raise ValueError("no table of keys")
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is not what a live run leaves ({error}); move it away, and the run goes on from its "
+                         "samples, or choose another --out") from error
+    return content
+
+
 def warm_up(model: Model, bench: Bench, settings: LearnerSettings) -> None:
     """Load what is compiled before the first sample comes: a posterior that is seconds behind helps nobody."""
     from ..assemble import linearised
@@ -256,11 +275,12 @@ class _Run:
         if (self.out / "campaign.toml").exists() and not (self.out / LIVE_FILE).exists() and not any(
                 self.out.glob("session_*.csv")):
             raise InputError(f"--out {self.out}: holds a campaign; choose another folder")
-        if not resume and (self.out / LIVE_FILE).exists() and read_json(self.out / LIVE_FILE).get("complete"):
+        earlier = _earlier(self.out / LIVE_FILE)
+        if not resume and earlier.get("complete"):
             raise InputError(f"--out {self.out}: holds a finished live run; go on with it by --resume, or choose "
                              "another folder")
-        if self.adaptive is not None and resume and (self.out / LIVE_FILE).exists():
-            self.adaptive.take_over((read_json(self.out / LIVE_FILE).get("adaptive") or {}).get("experiments", []))
+        if self.adaptive is not None and resume:
+            self.adaptive.take_over((earlier.get("adaptive") or {}).get("experiments", []))
         last = None
         for session, rows in self.journal.recover():
             self.learner.feed(session, rows)

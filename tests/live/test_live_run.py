@@ -1,6 +1,7 @@
 """Live runs against real pseudo-terminals and sockets, with what goes wrong there."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -288,6 +289,25 @@ def test_an_earlier_posterior_is_the_prior(toml, tmp_path):
     assert "first" in two["prior"]
     for p in ("tau_1_s", "k_1_Pa"):
         assert two["parameters"][p]["sd"] < min(one["parameters"][p]["sd"], alone["parameters"][p]["sd"])
+
+
+@pytest.mark.parametrize("content", ["", '{"complete": tr', "[1, 2]", "\0\0\0\0"])
+def test_a_summary_that_is_not_whole_is_named(toml, tmp_path, content):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "live.json").write_text(content)
+    for resume in (False, True):
+        with pytest.raises(InputError, match=r"live\.json: is not what a live run leaves .*move it away"):
+            follow("loop://", toml, out, resume=resume)
+    assert (out / "live.json").read_text() == content
+
+
+@pytest.mark.parametrize("length", [math.inf, math.nan, 0.0, -1.0])
+def test_a_block_has_a_length(length):
+    with pytest.raises(InputError, match="--block"):
+        LearnerSettings(length)
+    with pytest.raises(InputError, match="--duration nan"):
+        LiveSettings(math.nan)
 
 
 def test_models_that_cannot_be_carried_on_are_refused(toml, tmp_path):

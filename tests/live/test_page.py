@@ -28,7 +28,7 @@ def view(samples):
 def test_an_address_is_a_port_on_loopback_unless_said_otherwise():
     assert page_address("5006") == ("127.0.0.1", 5006)
     assert page_address("0.0.0.0:80") == ("0.0.0.0", 80)
-    for bad in ("here", "h:p", "1:99999"):
+    for bad in ("here", "h:p", "1:99999", "\xb2", "127.0.0.1:\u0665", ""):
         with pytest.raises(InputError, match="--serve"):
             page_address(bad)
 
