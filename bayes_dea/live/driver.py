@@ -59,33 +59,34 @@ def limit_of(actuator: Actuator, own_V: float | None = None) -> float:
 def read_command(path: Path, actuator: Actuator, own_V: float | None = None) -> Command:
     """A command file (columns time_s, voltage_V), checked against the limit of the actuator and the user's own.
 
-    Raises InputError naming the row that goes beyond it, or that cannot be read.
+    Raises InputError naming the file's row that goes beyond it, or that cannot be read.
     """
     limit = limit_of(actuator, own_V)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            table = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError) as error:
+            reader = csv.reader(file)
+            table = [(reader.line_num, row) for row in reader]  # as counted in the file, which editors show
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"--command {path}: cannot be read ({error})") from error
-    header = [c.strip() for c in table[0]] if table else []
+    header = [c.strip() for c in table[0][1]] if table else []
     if "time_s" not in header or "voltage_V" not in header:
         raise InputError(f"{path}: the first line must name time_s and voltage_V; it has {header}")
     places = header.index("time_s"), header.index("voltage_V")
-    rows = [r for r in table[1:] if r]
+    rows = [(number, row) for number, row in table[1:] if row]
     values = np.empty((len(rows), 2))
-    for i, row in enumerate(rows):
+    for i, (number, row) in enumerate(rows):
         try:
             values[i] = [float(row[p]) for p in places]
         except (ValueError, IndexError):
-            raise InputError(f"{path}, row {i + 1}: {','.join(row)!r} is not a time and a voltage") from None
+            raise InputError(f"{path}, row {number}: {','.join(row)!r} is not a time and a voltage") from None
     if len(values) < 2 or not np.all(np.isfinite(values)):
         raise InputError(f"{path}: a command needs two rows or more, without gaps")
     t, V = values.T
     if np.any(np.diff(t) <= 0):
-        raise InputError(f"{path}, row {int(np.argmax(np.diff(t) <= 0)) + 2}: time_s does not rise")
+        raise InputError(f"{path}, row {rows[int(np.argmax(np.diff(t) <= 0)) + 1][0]}: time_s does not rise")
     over = np.flatnonzero(np.abs(V) > limit)
     if over.size:
-        raise InputError(f"{path}, row {over[0] + 1}: {V[over[0]]:g} V is beyond the limit of the actuator "
+        raise InputError(f"{path}, row {rows[over[0]][0]}: {V[over[0]]:g} V is beyond the limit of the actuator "
                          f"({limit:g} V); it is not played")
     return Command(t - t[0], V)
 

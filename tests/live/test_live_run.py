@@ -13,12 +13,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from hearing import hears_ctrl_c
-from stream import TOML, device, learner
+from stream import ACTUATOR, TOML, device, learner
 from threadpoolctl import threadpool_limits
 
 from bayes_dea.bench.device.serve import PtyPort, TcpPort, serve
 from bayes_dea.campaign import load_campaign
 from bayes_dea.errors import BayesDEAError, InputError
+from bayes_dea.live.driver import read_command
 from bayes_dea.live.journal import Journal
 from bayes_dea.live.learner import LearnerSettings
 from bayes_dea.live.run import LiveSettings, follow_bench
@@ -154,10 +155,24 @@ def test_a_command_beyond_the_limit_never_leaves(toml, tmp_path):
     command = tmp_path / "command.csv"
     command.write_text("time_s,voltage_V\n0,0\n1,1250\n2,0\n")
     machine = device()
-    with served(machine, PtyPort()) as name, pytest.raises(InputError, match=r"row 2: 1250 V is beyond the limit"):
+    with served(machine, PtyPort()) as name, pytest.raises(InputError, match=r"row 3: 1250 V is beyond the limit"):
         follow(name, toml, tmp_path / "out", play=None, command=command)
     assert not machine.streaming
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("time_s,voltage_V\n0,0\n0.5,30x\n1,0\n", "row 3: '0.5,30x' is not a time and a voltage"),
+    ("time_s,voltage_V\n0,0\n\n\n0.5,30x\n1,0\n", "row 5: '0.5,30x' is not a time and a voltage"),
+    ("time_s,voltage_V\n0,0\n1,300\n1,0\n", "row 4: time_s does not rise"),
+    ("voltage_V,time_s\n0,0\n\n-1250,1\n0,2\n", "row 4: -1250 V is beyond the limit"),
+])
+def test_a_row_of_a_command_is_counted_as_in_the_file(tmp_path, text, message):
+    """As predict counts them: the header is the first, and a blank one counts."""
+    command = tmp_path / "command.csv"
+    command.write_text(text)
+    with pytest.raises(InputError, match=rf"command\.csv, {message}"):
+        read_command(command, ACTUATOR)
 
 
 def test_a_bench_beyond_the_limit_is_stopped(tmp_path):
