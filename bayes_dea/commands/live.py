@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import InputError
+from ..errors import BayesDEAError, InputError
 from .options import (
     AnewOption,
     JsonOption,
@@ -70,9 +70,9 @@ def live(
 ) -> None:
     """Follow a bench on a serial line and update the posterior as samples come.
 
-    Leaves live.json, posterior.nc and the samples as a campaign in --out. Stopped in any way, even by a cut cable or
-    kill -9, the same command goes on; a finished run goes on with --resume. --anew moves what is there into a folder
-    of its own inside --out.
+    Leaves live.json, posterior.nc, report.html and the samples as a campaign in --out. Stopped in any way, even by a
+    cut cable or kill -9, the same command goes on; a finished run goes on with --resume. --anew moves what is there
+    into a folder of its own inside --out.
     """
     from ..live.adaptive import check_adaptive
     from ..live.journal import set_aside
@@ -113,6 +113,24 @@ def live(
             for each in shows:
                 each(view)
 
-        summary = run(port, campaign, model, out, seed, settings, overrides(prior, priors), resume,
-                      show_all if shows else None)
-    conclude(quiet, json_output, out / LIVE_FILE, words(summary))
+        before = _written(out / LIVE_FILE)
+        try:
+            summary = run(port, campaign, model, out, seed, settings, overrides(prior, priors), resume,
+                          show_all if shows else None)
+        except BaseException:  # Ctrl-C is how many a run ends: what it came to is to be seen too
+            if _written(out / LIVE_FILE) != before:
+                with contextlib.suppress(BayesDEAError):
+                    _draw(out)
+            raise
+        page = _draw(out)
+    conclude(quiet, json_output, out / LIVE_FILE, words(summary), page)
+
+
+def _written(path: Path) -> int:
+    return path.stat().st_mtime_ns if path.exists() else 0
+
+
+def _draw(out: Path) -> Path:
+    from ..report.live_page import write_live_page  # matplotlib, after the work
+
+    return write_live_page(out)

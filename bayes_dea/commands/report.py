@@ -16,7 +16,7 @@ EXAMPLE = "Example: bayes-dea report out"
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of calibrate, diagnose, compare, next, "
-                                            "paper or predict.")],
+                                            "live, paper or predict.")],
     static: Annotated[bool, typer.Option("--static", help="Pictures alone, no script: small enough to keep in a "
                                          "repository.")] = False,
     quiet: QuietOption = False,
@@ -26,6 +26,7 @@ def report(
     from ..prediction.redraw import redraw_prediction_page
     from ..report.comparison_page import write_comparison_page
     from ..report.diagnosis_page import write_diagnosis_page
+    from ..report.live_page import write_live_page
     from ..report.next_page import write_next_page
     from ..report.page import write_report
     from ..report.paper_page import write_paper_page
@@ -38,6 +39,7 @@ def report(
         "next.json": lambda say: write_next_page(folder, say),
         "paper.json": lambda say: write_paper_page(folder, say),
         "prediction.json": lambda say: redraw_prediction_page(folder, say),
+        "live.json": lambda say: write_live_page(folder, say),
     }
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the --out of an earlier run")

@@ -251,6 +251,7 @@ def test_killed_and_resumed_it_ends_at_the_numbers_of_an_undisturbed_run(toml, t
         run.wait()
         again = subprocess.run([*arguments, "--resume", "--duration", "4"], capture_output=True, text=True, check=False)
         assert again.returncode == 0, again.stderr
+        assert "<title>Live run: hooke+gm1" in (out / "report.html").read_text(encoding="utf-8")
         with pytest.raises(InputError, match="finished live run"):
             follow(name, toml, out)
     written = json.loads((out / "live.json").read_text())
@@ -287,6 +288,7 @@ def test_interrupted_by_ctrl_c_it_ramps_down_and_keeps_all(toml, tmp_path):
         assert machine._voltage_V == 0.0
         assert not machine.streaming
     assert "--resume" in said
+    assert "The run was interrupted" in (out / "report.html").read_text(encoding="utf-8")
     written = json.loads((out / "live.json").read_text())
     assert written["samples"] == load_campaign(out).recordings[0].n > 100
     assert written["learned_samples"] == written["samples"]
