@@ -9,7 +9,8 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,25 @@ _PREFIX = ".checkpoint-"
 LOCK_FILE = ".lock"
 
 
-def checkpoint_for(folder: Path, identity: Mapping[str, Any]) -> Path:
+@dataclass(frozen=True)
+class Checkpoints:
+    """A folder for checkpoints, which notes in `own` those that one run asked for: it alone may take them away."""
+
+    folder: Path
+    own: list[Path] = field(default_factory=list)
+
+
+def checkpoint_for(folder: Path | Checkpoints, identity: Mapping[str, Any]) -> Path:
     """Path of the sampler's checkpoint for this very run: same input, model, seed and settings, same name.
 
     Checkpoints of other runs are left alone: a slip in the command must not cost the hours of the run before.
     """
     text = json.dumps({**identity, "version": __version__}, sort_keys=True, default=str)
-    return folder / f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
+    name = f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
+    if isinstance(folder, Path):
+        return folder / name
+    folder.own.append(folder.folder / name)
+    return folder.own[-1]
 
 
 def further(checkpoint: Path, k: int) -> Path:
@@ -35,14 +48,24 @@ def further(checkpoint: Path, k: int) -> Path:
     return checkpoint.with_name(f"{checkpoint.stem}_{k}{checkpoint.suffix}")
 
 
-def finished(folder: Path, keep: Path | None = None) -> None:
-    """The results are written: checkpoints go, and what killed runs left behind; `keep` stays for a longer run."""
-    for pattern in (f"{_PREFIX}*.npz", f"{_PREFIX}*.jsonl", f"{PARTIAL}*"):
-        for path in folder.glob(pattern):
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            elif keep is None or not path.name.startswith(keep.stem):
-                path.unlink(missing_ok=True)
+def discard(checkpoint: Path) -> None:
+    """Take a checkpoint away, with those of the runs that began again from it."""
+    for path in checkpoint.parent.glob(f"{checkpoint.stem}*{checkpoint.suffix}"):
+        path.unlink(missing_ok=True)
+
+
+def finished(folder: Path, own: Iterable[Path] = ()) -> None:
+    """The results are written: the run's own checkpoints go, and half-written files that killed runs left behind.
+
+    Those of other runs stay: a diagnosis that ends must not cost the hours of an interrupted calibration.
+    """
+    for checkpoint in own:
+        discard(checkpoint)
+    for path in folder.glob(f"{PARTIAL}*"):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager

@@ -18,9 +18,11 @@ from short_runs import short_settings, shorten
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
+from bayes_dea import cli
+from bayes_dea.commands.options import begin
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
-from bayes_dea.run_state import checkpoint_for, finished
+from bayes_dea.run_state import Checkpoints, checkpoint_for, finished, further
 
 EXIT = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -signal.SIGKILL}
 
@@ -317,12 +319,43 @@ def test_a_checkpoint_is_named_after_its_run(tmp_path):
 
 
 def test_what_killed_runs_left_goes_when_one_ends(tmp_path):
-    rest = [".checkpoint-0123.npz", ".part-x1y2_zz0-.checkpoint-0123.npz", ".part-abcdefgh-posterior.nc"]
+    own = checkpoint_for(tmp_path, {"seed": 1})
+    rest = [own.name, further(own, 1).name, ".part-x1y2_zz0-.checkpoint-0123.npz", ".part-abcdefgh-posterior.nc"]
+    others = [".checkpoint-0123.npz", ".checkpoint-0123_1.npz", ".checkpoint-4567.jsonl"]
     (tmp_path / ".part-folder00").mkdir()
-    for name in (*rest, "calibration.json", "notes.txt", ".hidden"):
+    for name in (*rest, *others, "calibration.json", "notes.txt", ".hidden"):
         (tmp_path / name).write_bytes(b"x")
-    finished(tmp_path, keep=tmp_path / ".checkpoint-0123.npz")
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".checkpoint-0123.npz", ".hidden", "calibration.json",
-                                                          "notes.txt"]
     finished(tmp_path)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [".hidden", "calibration.json", "notes.txt"]
+    kept = [own.name, further(own, 1).name, *others, ".hidden", "calibration.json", "notes.txt"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(kept), "this run had none of its own"
+    finished(tmp_path, [own])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(kept[2:])
+
+
+def test_a_folder_notes_which_checkpoints_a_run_asked_for(tmp_path):
+    noted = Checkpoints(tmp_path)
+    asked = [checkpoint_for(noted, {"seed": k}) for k in range(2)]
+    assert noted.own == asked == [checkpoint_for(tmp_path, {"seed": k}) for k in range(2)]
+
+
+@pytest.mark.parametrize("words", [["diagnose", "--model", "hooke"], ["compare", "--models", "hooke,hooke+gm1"],
+                                   ["next", "--model", "hooke", "--files", "1"]], ids=lambda words: words[0])
+def test_a_verb_that_ends_leaves_what_another_goes_on_from(small_campaign, tmp_path, monkeypatch, words):
+    """All verbs write into the same folder by default: what an interrupted calibration kept must outlive the others."""
+    tiny, out = tiny_campaign(small_campaign, tmp_path / "tiny"), tmp_path / "out"
+    out.mkdir()
+    left = [".checkpoint-0123456789abcdef0123.jsonl", ".checkpoint-0123456789abcdef0123.npz"]
+    for name in left:
+        (out / name).write_bytes(b"of a run that goes on later")
+    monkeypatch.setattr(sys, "argv", ["bayes-dea", words[0], str(tiny), *words[1:], "--out", str(out), "--workers",
+                                      "1", "--quiet"])
+    assert cli._run() == 0
+    assert sorted(p.name for p in out.glob(".*")) == left, "its own, and no other, is gone"
+
+
+def test_anew_takes_what_further_stages_kept_too(tmp_path):
+    own = checkpoint_for(tmp_path, {"seed": 1})
+    for path in (own, further(own, 1), further(own, 2)):
+        path.write_bytes(b"x")
+    begin(own, resume=False, anew=True)
+    assert list(tmp_path.iterdir()) == []

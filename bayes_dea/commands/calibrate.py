@@ -96,5 +96,5 @@ def calibrate(
             from ..report.page import write_report  # matplotlib, after the work
 
             write_report(out, report=lambda *at: report("drawing the page", *at))
-            finished(out, keep=None if result.converged else checkpoint)
+            finished(out, own=[checkpoint] if result.converged else [])  # a longer run goes on from it
     conclude(quiet, json_output, out / CALIBRATION_FILE, terminal_summary(result.summary), out / REPORT_FILE)

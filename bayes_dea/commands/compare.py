@@ -68,7 +68,7 @@ def compare(
     from ..errors import InputError
     from ..report.comparison_page import write_comparison_page
     from ..results import write_json
-    from ..run_state import finished
+    from ..run_state import Checkpoints, finished
 
     if resume and anew:
         raise InputError("--resume and --anew: give one of them")
@@ -80,10 +80,11 @@ def compare(
                                scratch=room(memory, scratch))
         settings = ComparisonSettings(workers=threads(workers))
         with writing(out):
-            result = run(loaded, models, seed, settings, given, report, checkpoints=out, anew=anew)
+            checkpoints = Checkpoints(out)
+            result = run(loaded, models, seed, settings, given, report, checkpoints, anew)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             write_json(out / COMPARISON_FILE, result.summary)
             write_comparison_page(out, lambda *at: report("drawing the page", *at))
-            finished(out)
+            finished(out, checkpoints.own)
     conclude(quiet, json_output, out / COMPARISON_FILE, terminal_summary(result.summary), out / REPORT_FILE)

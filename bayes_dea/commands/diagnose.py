@@ -86,5 +86,5 @@ def diagnose(
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             save_diagnosis(result, out, lambda *at: report("drawing the page", *at))
-            finished(out)
+            finished(out, own=[checkpoint])
     conclude(quiet, json_output, out / DIAGNOSIS_FILE, terminal_summary(result.summary), out / REPORT_FILE)

@@ -84,7 +84,7 @@ def next_(
     from ..errors import InputError
     from ..experiments.costs import Costs, read_costs
     from ..report.next_page import write_next_page
-    from ..run_state import finished
+    from ..run_state import Checkpoints, finished
 
     if resume and anew:
         raise InputError("--resume and --anew: give one of them")
@@ -103,11 +103,11 @@ def next_(
         loaded = load_campaign(campaign, data_root, report=lambda *at: report("reading recordings", *at),
                                scratch=room(memory, scratch))
         with writing(out):
-            result = run(loaded, purpose, model, models, source, seed, settings, given, report, checkpoints=out,
-                         anew=anew)
+            checkpoints = Checkpoints(out)
+            result = run(loaded, purpose, model, models, source, seed, settings, given, report, checkpoints, anew)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             result.save(out, report=False)
             write_next_page(out, lambda *at: report("drawing the page", *at))
-            finished(out)
+            finished(out, checkpoints.own)
     conclude(quiet, json_output, out / NEXT_FILE, terminal_summary(result.summary), out / REPORT_FILE)

@@ -67,9 +67,11 @@ def one_of_them(resume: bool, anew: bool) -> None:
 
 def begin(checkpoint: Path, resume: bool, anew: bool) -> None:
     """What --resume and --anew do with the checkpoint that an interrupted run of the same command may have left."""
+    from ..run_state import discard
+
     one_of_them(resume, anew)
     if anew:
-        checkpoint.unlink(missing_ok=True)
+        discard(checkpoint)
 
 
 def conclude(quiet: bool, as_json: bool, result: Path, summary: str, page: Path | None = None) -> None:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..likelihood.remembering import forget
 from ..models.model import Model, build_model
 from ..priors import Parameter, Prior
-from ..run_state import checkpoint_for
+from ..run_state import Checkpoints, checkpoint_for
 from .align import aligned
 from .anneal import QUICK
 from .common import CommonData, check_same_likelihood, common_data
@@ -78,7 +78,7 @@ def compare(
     settings: ComparisonSettings | None = None,
     priors: Mapping[str, Parameter | Prior] | None = None,
     report: Report | None = None,
-    checkpoints: Path | None = None,
+    checkpoints: Path | Checkpoints | None = None,
     anew: bool = False,
 ) -> Comparison:
     """Compare model structures on the recordings of a campaign, by evidence and by prediction.
@@ -295,7 +295,7 @@ def integral_settings(model: Model, s: ComparisonSettings) -> IntegralSettings:
 
 def _bridge_the_near(
     done: Mapping[str, Done], data: CommonData, built: Mapping[str, Model], seed: int, s: ComparisonSettings,
-    say: Report, checkpoints: Path | None, anew: bool,
+    say: Report, checkpoints: Path | Checkpoints | None, anew: bool,
 ) -> dict[str, Done]:
     """The evidences that decide once more, from a run of the sampler and a bridge; the two have to agree."""
     values = {n: d.whole.log_value for n, d in done.items() if np.isfinite(d.whole.log_value)}

@@ -18,7 +18,7 @@ from ..comparison.run import generator
 from ..comparison.simulated import emulated_integral
 from ..likelihood.remembering import forget
 from ..models.model import Model
-from ..run_state import checkpoint_for
+from ..run_state import Checkpoints, checkpoint_for
 from .belief import Belief, of_posterior
 
 Say = Callable[[float, float, str], None]
@@ -34,7 +34,7 @@ class FitSettings:
 
 def fitted_beliefs(
     campaign: Campaign, models: Mapping[str, Model], seed: int, settings: FitSettings, say: Say,
-    checkpoints: Path | None = None, anew: bool = False,
+    checkpoints: Path | Checkpoints | None = None, anew: bool = False,
 ) -> tuple[list[Belief], tuple[str, ...]]:
     """A belief of each model, by name, and warnings about the recordings.
 
