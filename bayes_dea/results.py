@@ -9,7 +9,8 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from datetime import date, datetime
+from datetime import date, time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def plain(value: Any) -> Any:
         return int(value)
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, (date, datetime, Path)):
+    if isinstance(value, (date, time, Path)):  # TOML has times of day, dates and both in one
         return str(value)
     return value
 
@@ -47,26 +48,35 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     The file has reached the disk before it takes its name. Raises BayesDEAError naming `path` where it cannot be
     written (a full disk, a folder that may not be written to); what was there before is then untouched.
     """
+    write_together({path: write})
+
+
+def write_together(files: Mapping[Path, Callable[[Path], object]]) -> None:
+    """The same for files that belong together: all have reached the disk before the first takes its name.
+
+    They take their names in the order given. Raises as `write_atomic` does; none of them is then replaced.
+    """
+    temporary: dict[Path, Path] = {}
+    path = Path()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=PARTIAL, suffix=f"-{path.name}")
-        os.close(handle)
+        for path, write in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=path.parent, prefix=PARTIAL, suffix=f"-{path.name}")
+            temporary[path] = Path(name)
+            os.close(handle)
+            write(temporary[path])
+            os.chmod(temporary[path], 0o644)
+            _to_disk(temporary[path])
+        for path, made in temporary.items():
+            os.replace(made, path)
     except OSError as error:
         raise unwritable(path, error) from error
-    temporary = Path(name)
-    try:
-        write(temporary)
-        os.chmod(temporary, 0o644)
-        _to_disk(temporary)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise unwritable(path, error) from error
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    with contextlib.suppress(OSError):  # not every file system knows this of folders
-        _to_disk(path.parent)
+    finally:  # of those that were put in place nothing is left to remove
+        for made in temporary.values():
+            made.unlink(missing_ok=True)
+    for folder in {path.parent for path in files}:
+        with contextlib.suppress(OSError):  # not every file system knows this of folders
+            _to_disk(folder)
 
 
 def _to_disk(path: Path) -> None:
@@ -97,8 +107,21 @@ def write_text(path: Path, content: str) -> None:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """JSON file, atomically."""
-    text = json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False)
-    write_text(path, text + "\n")
+    write_bytes(path, json_bytes(content))
+
+
+def json_bytes(content: Mapping[str, Any]) -> bytes:
+    """A JSON file's content, as `plain` makes it."""
+    return (json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8")
+
+
+def write_all_bytes(files: Mapping[Path, bytes]) -> None:
+    """Files that belong together, whole or not at all, in the order given. Raises as `write_together` does."""
+    write_together({path: partial(_fill, content) for path, content in files.items()})
+
+
+def _fill(content: bytes, path: Path) -> None:
+    path.write_bytes(content)
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from .errors import InputError
 from .fit.diagnostics import arviz
-from .results import write_bytes, write_json
+from .results import json_bytes, write_all_bytes
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -137,11 +137,12 @@ def netcdf_bytes(data: Any, report: Report | None = None) -> bytes:
 def save_calibration(calibration: Calibration, out: Path, report: bool = True, tell: Report | None = None) -> Path:
     """Write posterior.nc, calibration.json and report.html; JSON comes after what it describes.
 
+    Both are made in memory first, so that what fails in making them leaves the results of an earlier run together.
     tell: called with (bytes done, of how many, group) as the posterior is written.
     """
     data = inference_data(calibration)
-    write_bytes(out / POSTERIOR_FILE, netcdf_bytes(data, tell))
-    write_json(out / CALIBRATION_FILE, calibration.summary)
+    summary = json_bytes(calibration.summary)
+    write_all_bytes({out / POSTERIOR_FILE: netcdf_bytes(data, tell), out / CALIBRATION_FILE: summary})
     if report:
         from .report.page import write_report
 

@@ -2,19 +2,22 @@
 
 import json
 import math
+import os
 import signal
 import stat
 import subprocess
 import sys
 import time
+import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import bayes_dea as bd
 from bayes_dea.errors import BayesDEAError
-from bayes_dea.results import plain, write_atomic, write_json
-from bayes_dea.store import variable_names
+from bayes_dea.results import plain, write_atomic, write_json, write_together
+from bayes_dea.store import save_calibration, variable_names
 
 pytestmark = pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::UserWarning")
 
@@ -209,6 +212,55 @@ def test_json_is_strict(tmp_path):
     content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
     assert content == {"a": None, "b": [None, None, 1.5], "c": [0, 1], "d": {"1": True}, "e": None, "f": "µ"}
     assert plain(np.array([np.nan, 1.0])) == [None, 1.0]
+
+
+def test_every_value_that_toml_knows_can_be_written(tmp_path):
+    """What a campaign says in [meta] goes into the results: dates, times of day and both in one are texts there."""
+    meta = tomllib.loads("""
+        start = 10:30:00
+        tick = 10:30:00.25
+        day = 2024-05-01
+        local = 2024-05-01 10:30:00
+        zoned = 2024-05-01T10:30:00+02:00
+        runs = [10:30:00, 11:00:00]
+        nested = {at = 10:30:00, gain = inf, n = 3, on = true}
+    """)
+    write_json(tmp_path / "a.json", {"meta": meta})
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["meta"] == {
+        "start": "10:30:00", "tick": "10:30:00.250000", "day": "2024-05-01", "local": "2024-05-01 10:30:00",
+        "zoned": "2024-05-01 10:30:00+02:00", "runs": ["10:30:00", "11:00:00"],
+        "nested": {"at": "10:30:00", "gain": None, "n": 3, "on": True}}
+
+
+@pytest.mark.parametrize("failing", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_files_that_belong_together_are_replaced_together(tmp_path, failing):
+    paths = [tmp_path / name for name in ("posterior.nc", "calibration.json")]
+    for path in paths:
+        path.write_bytes(b"earlier")
+
+    def fail(path):
+        path.write_bytes(b"ha")
+        raise failing
+
+    with pytest.raises(BayesDEAError if isinstance(failing, OSError) else KeyboardInterrupt):
+        write_together({paths[0]: lambda p: p.write_bytes(b"new"), paths[1]: fail})
+    assert sorted(os.listdir(tmp_path)) == ["calibration.json", "posterior.nc"]
+    assert [p.read_bytes() for p in paths] == [b"earlier"] * 2
+    write_together({p: lambda q: q.write_bytes(b"new") for p in paths})
+    assert [p.read_bytes() for p in paths] == [b"new"] * 2
+    assert sorted(os.listdir(tmp_path)) == ["calibration.json", "posterior.nc"]
+
+
+def test_a_summary_that_cannot_be_written_leaves_the_results_before_it(tmp_path, monkeypatch):
+    """JSON fails last but is made first: an earlier posterior.nc must not lose its calibration.json."""
+    for name in ("posterior.nc", "calibration.json", "report.html"):
+        (tmp_path / name).write_bytes(b"earlier")
+    monkeypatch.setattr("bayes_dea.store.inference_data", lambda calibration: None)
+    monkeypatch.setattr("bayes_dea.store.netcdf_bytes", lambda data, tell: b"new")
+    with pytest.raises(TypeError):
+        save_calibration(SimpleNamespace(summary={"meta": {"a": object()}}), tmp_path)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {
+        "posterior.nc": b"earlier", "calibration.json": b"earlier", "report.html": b"earlier"}
 
 
 def test_nothing_is_left_behind(converged):

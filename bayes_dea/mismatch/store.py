@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..experiments.words import recording_in_words
-from ..results import not_said, write_bytes, write_json
+from ..results import json_bytes, not_said, write_all_bytes
 from .diagnosis import Diagnosis
 from .pictures import picture_data
 from .search.hypotheses import UNKNOWN
@@ -34,8 +34,7 @@ def save_diagnosis(
     out.mkdir(parents=True, exist_ok=True)
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **picture_data(result))  # type: ignore[arg-type]
-    write_bytes(out / DATA_FILE, buffer.getvalue())
-    write_json(out / DIAGNOSIS_FILE, result.summary)
+    write_all_bytes({out / DATA_FILE: buffer.getvalue(), out / DIAGNOSIS_FILE: json_bytes(result.summary)})
     write_diagnosis_page(out, report)
     return out
 
