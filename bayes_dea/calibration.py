@@ -29,7 +29,7 @@ from .models.model import Model, build_model
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
 from .quantities import contraction, gain_name, model_names, reported_quantities, statistics, to_converge
-from .reuse import KEY, describe, seen
+from .reuse import KEY, RUN, describe, run_of, seen
 from .sampling import Report, sample_posterior, thinned
 from .settings import CalibrationSettings
 
@@ -172,6 +172,7 @@ def calibrate(
         notes,
         clock,
     )
+    summary[RUN] = run_of(draws)
     if emulation is not None and weights is not None:
         summary["emulator"] = _emulator_summary(emulation, weights)
         forget(posterior)

@@ -2,13 +2,15 @@
 
 calibration.json tells numbers for people; to predict or export, the structure has to be built again to the last
 digit: exact priors (their transforms and order), the MAP in inference coordinates, the geometry of each specimen,
-and how far the recordings went.
+and how far the recordings went. Both files carry the name of their run, so that a mixture is noticed.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,8 @@ from .models.model import Model, build_model
 from .priors import Parameter, Prior
 
 KEY = "reuse"
+#: name of a run: a key of calibration.json, an attribute of the group `posterior` of posterior.nc
+RUN = "run"
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,23 @@ def describe(
             for p in model.parameters
         ],
     }
+
+
+def run_of(draws: NDArray[np.float64]) -> str:
+    """Name of a run out of its draws (chain, draw, d): the same numbers, the same name."""
+    return hashlib.sha256(np.ascontiguousarray(draws, float).tobytes()).hexdigest()[:20]
+
+
+def check_same_run(summary: Mapping[str, Any], attributes: Mapping[str, Any], posterior: Path) -> None:
+    """Raises InputError where posterior.nc, by its attributes, is of another run than calibration.json beside it.
+
+    Files of versions that named no run are taken as they are.
+    """
+    name = attributes.get(RUN)
+    name = name.decode() if isinstance(name, bytes) else name
+    if summary.get(RUN) != (None if name is None else str(name)):
+        raise InputError(f"{posterior}: is of another run than calibration.json beside it, whose numbers it does not "
+                         "hold. Put the file of the same run back, or calibrate again, into a folder of its own")
 
 
 def seen(recording: Recording) -> dict[str, float]:

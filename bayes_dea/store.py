@@ -19,6 +19,7 @@ import numpy as np
 from .errors import InputError
 from .fit.diagnostics import arviz
 from .results import json_bytes, write_all_bytes
+from .reuse import RUN
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -100,6 +101,7 @@ def inference_data(calibration: Calibration) -> Any:
         "seed": calibration.summary["seed"],
         "version": calibration.summary["version"],
         "converged": int(calibration.converged),
+        **{k: v for k, v in calibration.summary.items() if k == RUN},
     }
     data = az.InferenceData(
         posterior=posterior.assign_attrs(attributes),

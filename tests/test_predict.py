@@ -2,7 +2,9 @@
 
 import json
 import re
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 from calibrations_by_hand import ACTUATOR, made
@@ -477,6 +479,8 @@ def test_what_is_no_calibration_is_refused(damage, words, tmp_path):
         ("calibration.json", lambda b: b.replace(b'"reuse"', b'"other"'), "Run the calibration again"),
         ("calibration.json", lambda b: b.replace(b'"family": "lognormal"', b'"family": "strange"'), "strange"),
         ("calibration.json", lambda b: b.replace(b"atanh rho", b"rho"), "belongs to another run"),
+        ("calibration.json", lambda b: b.replace(b'"run": "', b'"run": "0'), "is of another run than calibration.json"),
+        ("calibration.json", lambda b: b.replace(b'"run": "', b'"walk": "'), "is of another run than calibration.json"),
         ("posterior.nc", lambda b: b[: len(b) // 2], "cut off or damaged"),
         ("posterior.nc", lambda b: b"", "cut off or damaged"),
         ("posterior.nc", None, "there is no such file"),
@@ -490,6 +494,17 @@ def test_a_damaged_calibration_is_refused(file, change, words, converged, tmp_pa
         (tmp_path / name).write_bytes(change(content) if name == file else content)
     with pytest.raises(bd.InputError, match=words):
         open_calibration(tmp_path)
+
+
+def test_a_calibration_of_a_version_that_named_no_run_is_taken(converged, tmp_path):
+    """Neither file says which run it is of: what fits together is taken, as it was then."""
+    shutil.copy(converged.folder / "posterior.nc", tmp_path)
+    content = (converged.folder / "calibration.json").read_bytes()
+    (tmp_path / "calibration.json").write_bytes(content.replace(b'"run": "', b'"walk": "'))
+    with h5py.File(tmp_path / "posterior.nc", "r+") as file:
+        assert file["posterior"].attrs["run"] == converged.summary["run"]
+        del file["posterior"].attrs["run"]
+    assert np.array_equal(open_calibration(tmp_path).draws, open_calibration(converged.folder).draws)
 
 
 def test_a_signal_in_the_data_root(converged, tmp_path):

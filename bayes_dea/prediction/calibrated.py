@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Actuator
 from ..errors import InputError
 from ..results import plain, read_json
-from ..reuse import KEY, Structure, restore
+from ..reuse import KEY, Structure, check_same_run, restore
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ def open_calibration(source: Path | str | Calibration | Calibrated) -> Calibrate
     folder = Path(source).expanduser()
     summary = _summary(folder)
     structure = restore(summary, str(folder / CALIBRATION_FILE))
-    draws, quantities = _posterior(folder, structure)
+    draws, quantities, attributes = _posterior(folder, structure)
+    check_same_run(summary, attributes, folder / POSTERIOR_FILE)
     inputs = tuple(_input(folder / name) for name in (CALIBRATION_FILE, POSTERIOR_FILE))
     return Calibrated(str(folder), summary, structure, draws, quantities, inputs)
 
@@ -128,8 +129,10 @@ def _summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def _posterior(folder: Path, structure: Structure) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Coordinates (n, d) and reported quantities (n,) of all draws."""
+def _posterior(
+    folder: Path, structure: Structure
+) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], dict[str, Any]]:
+    """Coordinates (n, d) and reported quantities (n,) of all draws, and what is said of them."""
     import h5py
 
     path = folder / POSTERIOR_FILE
@@ -139,6 +142,7 @@ def _posterior(folder: Path, structure: Structure) -> tuple[NDArray[np.float64],
         # plain HDF5 inside; reading it as such spares the seconds that importing arviz takes
         with h5py.File(path, "r") as file:
             group = file["posterior"]
+            attributes = dict(group.attrs)
             coordinates = np.asarray(group["coordinates"][()], float)
             names = tuple(n.decode() if isinstance(n, bytes) else str(n) for n in group["coordinate"][()])
             quantities = {
@@ -155,7 +159,7 @@ def _posterior(folder: Path, structure: Structure) -> tuple[NDArray[np.float64],
             f"{path}: belongs to another run than {CALIBRATION_FILE} beside it. Calibrate again, into a folder of "
             "its own"
         )
-    return coordinates.reshape(-1, len(names)), quantities
+    return coordinates.reshape(-1, len(names)), quantities, attributes
 
 
 __all__ = ["KEY", "Calibrated", "open_calibration"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..page_data import PageData
 from ..results import read_json
+from ..reuse import check_same_run
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_names
 from . import symbols
 
@@ -165,6 +166,8 @@ def read_result(folder: Path) -> ResultData:
         # plain HDF5 inside; reading it as such spares the seconds that importing arviz takes
         with h5py.File(path, "r") as file:
             posterior = _group(file, "posterior")
+            if "posterior" in file:
+                check_same_run(summary, file["posterior"].attrs, path)
             shape = _chain_shape(posterior)
             draws = {k: v for k, v in posterior.items() if v.shape == shape}
             prior = {k: v.ravel() for k, v in _group(file, "prior").items() if v.ndim == 2}

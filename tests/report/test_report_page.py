@@ -360,6 +360,10 @@ def test_missing_broken_and_mixed_files(result: Path, tmp_path: Path, make_resul
     (tmp_path / "posterior.nc").write_bytes(b"cut off")
     with pytest.raises(InputError, match=r"posterior\.nc: cannot be read as a posterior"):
         write_report(tmp_path)
+    same = [make_result(tmp_path / name, run=name) for name in ("a", "b")]
+    shutil.copy(same[0] / "posterior.nc", same[1])
+    with pytest.raises(InputError, match="is of another run than calibration"):
+        write_report(same[1])
     other = make_result(tmp_path / "other", [creep("another.csv", "identify", np.random.default_rng(4))])
     shutil.copy(other / "posterior.nc", tmp_path)
     with pytest.raises(InputError, match="come from different runs"):
