@@ -19,7 +19,7 @@ from .emulation import Emulation, emulate
 from .errors import InputError, NotConvergedWarning
 from .find_map import MapResult, laplace_covariance
 from .fit.adapt import adapt, learned
-from .fit.ensemble import EnsembleResult, Progress, sample
+from .fit.ensemble import EnsembleResult, Progress, limit_in_words, sample
 from .fit.evidence import bridge_log_evidence
 from .fit.pilot import Pilot, PilotSettings, run_pilot, straightened
 from .likelihood.linear_group import LinearGroup
@@ -140,11 +140,17 @@ def _sampled(
                 straight=straight,
             )
 
+        def told(result: EnsembleResult) -> EnsembleResult:
+            """With the limit that was given as the reason, not what earlier runs left of it."""
+            if left is None or seconds is None:
+                return result
+            return replace(result, reason=result.reason.replace(limit_in_words(left), limit_in_words(seconds)))
+
         if path is not None and path.exists():
             # damaged, or of another machine whose last digits differ: it is worth no more than time
             with contextlib.suppress(InputError):
-                return go(path)
-        return go(None)
+                return told(go(path))
+        return told(go(None))
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConvergedWarning)

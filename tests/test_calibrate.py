@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from short_runs import short_settings
+from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
+from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
 STATISTICS = {"mean", "sd", "q05", "q50", "q95", "unit", "map", "rhat", "ess_bulk", "ess_tail", "contraction"}
@@ -175,6 +177,20 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
         tight = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors=narrow)
     assert tight.parameters["Y_Pa"]["mean"] == pytest.approx(1.1e6, rel=1e-3)
     assert tight.parameters["Y_Pa"]["contraction"] < 0.5
+
+
+@pytest.mark.usefixtures("without_refits")
+def test_seconds_that_are_over_before_sampling_begins(small_campaign, tmp_path):
+    """What there is: the maximum, a first few draws around it, and a warning that names the option to give more of."""
+    campaign = bd.load_campaign(tiny_campaign(small_campaign, tmp_path / "tiny"))
+    settings = short_settings(predictive_draws=20, sampler=EnsembleSettings(max_seconds=0.0))
+    with pytest.warns(bd.NotConvergedWarning, match="max_seconds = 0"):
+        s = bd.calibrate(campaign, "hooke", settings=settings, checkpoint=tmp_path / "state.npz").summary
+    check_contract(plain(s))
+    assert s["sampler"]["steps"] == 20
+    assert (tmp_path / "state.npz").is_file()
+    Y = s["parameters"]["Y_Pa"]
+    assert abs(Y["mean"] - Y["map"]) < 3 * Y["sd"]
 
 
 @pytest.mark.long

@@ -41,8 +41,9 @@ class EnsembleSettings:
     Stopping (all of it, for every quantity): more than `tau_factor` autocorrelation times after burn-in,
     rank-normalised split R-hat below `rhat_limit`, bulk and tail ESS above `ess_limit`. Burn-in is the larger
     of `burn_taus` autocorrelation times and `burn_fraction` of the run. `max_seconds` counts the run since it
-    was started or resumed. Weights need not add up to one. At most `max_stored` steps of an ensemble are kept
-    in memory; beyond, every second one is dropped and later ones are stored at that distance.
+    was started or resumed; a first block of steps is run all the same, so that there are draws to show.
+    Weights need not add up to one. At most `max_stored` steps of an ensemble are kept in memory; beyond, every
+    second one is dropped and later ones are stored at that distance.
     """
 
     max_steps: int = 20_000
@@ -492,9 +493,14 @@ def _check_steps(s: EnsembleSettings) -> set[int]:
 def _limit(step: int, s: EnsembleSettings, began: float) -> str:
     if step >= s.max_steps:
         return f"max_steps = {s.max_steps}"
-    if s.max_seconds is not None and time.monotonic() - began >= s.max_seconds:
-        return f"max_seconds = {s.max_seconds:g}"
+    if s.max_seconds is not None and step >= _BLOCK and time.monotonic() - began >= s.max_seconds:
+        return limit_in_words(s.max_seconds)
     return ""
+
+
+def limit_in_words(max_seconds: float) -> str:
+    """How a reason names a limit in seconds."""
+    return f"max_seconds = {max_seconds:g}"
 
 
 def _judge(

@@ -125,6 +125,22 @@ def test_limits_are_said_and_slow_quantities_block():
     assert r.seconds < 3.0
 
 
+def test_no_time_at_all_leaves_draws_and_a_checkpoint(tmp_path):
+    """A resumed run may have used up its seconds before a stage begins: there still is something to show."""
+    file = tmp_path / "state.npz"
+    with pytest.warns(NotConvergedWarning, match="max_seconds = 0"):
+        short = sample(gaussian, start(), EnsembleSettings(max_seconds=0.0), np.random.default_rng(0), checkpoint=file)
+    assert short.steps == 20
+    assert short.chains.size
+    assert np.isfinite(short.chains).all()
+    longer = EnsembleSettings(max_steps=100)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotConvergedWarning)
+        on = sample(gaussian, start(), longer, resume_from=file)
+        whole = sample(gaussian, start(), longer, np.random.default_rng(0))
+    assert np.array_equal(on.chains, whole.chains)
+
+
 def test_nan_counts_as_outside_with_a_warning():
     def holed(x):
         value = gaussian(x)
