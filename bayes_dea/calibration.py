@@ -30,7 +30,7 @@ from .predict_recordings import Prediction, conditional_gain, predict_all, subse
 from .priors import Parameter, Prior
 from .quantities import contraction, gain_name, model_names, reported_quantities, statistics, to_converge
 from .reuse import KEY, RUN, describe, run_of, seen
-from .sampling import Report, sample_posterior, thinned
+from .sampling import Report, sample_posterior, thinned, to_go_on
 from .settings import CalibrationSettings
 
 
@@ -503,7 +503,7 @@ def _notes(
     if not sampling.converged:
         out.append(
             f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it "
-            "longer (--max-steps; it goes on where it stopped) or ask less of the recordings (fewer elements)."
+            f"longer ({to_go_on(sampling)}; it goes on where it stopped) or ask less of the recordings (fewer elements)."
         )
     if found.agree < found.swarms:
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")

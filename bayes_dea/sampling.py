@@ -182,10 +182,15 @@ def _sampled(
         )  # fmt: skip
     except InputError as error:
         log_evidence = se = float("nan")
-        notes = (f"The evidence could not be estimated ({error}): run the sampler longer (--max-steps).",)
+        notes = (f"The evidence could not be estimated ({error}): run the sampler longer ({to_go_on(result)}).",)
     result = replace(result, chains=back(result.chains))
     lap("evidence")
     return Sampled(result, shown, emulation, log_evidence, se, notes)
+
+
+def to_go_on(sampling: EnsembleResult) -> str:
+    """The option that lets a run which did not converge go on: that of the limit which ended it."""
+    return "--max-seconds" if "max_seconds" in sampling.reason else "--max-steps"
 
 
 def _same(x: NDArray) -> NDArray:

@@ -191,6 +191,8 @@ def test_seconds_that_are_over_before_sampling_begins(small_campaign, tmp_path):
     assert (tmp_path / "state.npz").is_file()
     Y = s["parameters"]["Y_Pa"]
     assert abs(Y["mean"] - Y["map"]) < 3 * Y["sd"]
+    (said,) = [w for w in s["warnings"] if "did not converge" in w]
+    assert "Run it longer (--max-seconds; it goes on where it stopped)" in said
 
 
 @pytest.mark.long
