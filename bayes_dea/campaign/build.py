@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.checks import check_columns
+from bayes_dea.campaign.dead_sensors import check_dead_sensors
 from bayes_dea.campaign.gaps import gap_warnings
 from bayes_dea.campaign.plausibility import OVERRIDE, check_plausible
 from bayes_dea.campaign.schema import HOLDS, ROLES, Actuator, Campaign, Recording, Sensor
 from bayes_dea.campaign.settings import check_geometry, choice, parse_conventions
 from bayes_dea.campaign.specimens import check_specimens
 from bayes_dea.campaign.statements import check_statements
+from bayes_dea.campaign.stiffness import check_stiffness
 from bayes_dea.campaign.time_units import check_time_units
 from bayes_dea.campaign.unused import unused_warnings
 from bayes_dea.campaign.vocabulary import COLUMNS
@@ -95,6 +97,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
                              f"{recording.specimen} stands above it whose memory it could carry. Put that "
                              "one above, or take rested out.")
     together = check_statements(found, sensors or {}) + check_specimens(found, sensors or {})
+    together += check_dead_sensors(found) + check_stiffness(found, sensors or {})
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
     collected += together + check_time_units(found) + gap_warnings(found, places)

@@ -19,7 +19,7 @@ from bayes_dea.campaign.settings import MAX_FIELD
 from bayes_dea.errors import InputError
 
 _EPS0 = 8.8541878128e-12  # F/m
-_TYPICAL_MODULUS = 1e6  # Pa
+TYPICAL_MODULUS = 1e6  # Pa
 #: strokes this far from the yardstick, either way, are a wrong unit (kV for V is 1e6, mm for m is 1e3)
 _STROKE_FACTOR = 200.0
 _LONG_S = 3 * 86400.0
@@ -210,7 +210,7 @@ def _voltage(r: Recording, problems: list[str], warnings: list[str], where: Call
                         '"voltage_V", unit = "kV" } in its [format].')
 
 
-def _maxwell_stroke(a: Actuator, squared_volts: float) -> float | None:
+def maxwell_stroke(a: Actuator, squared_volts: float) -> float | None:
     """Stroke in m of a stack of 1 MPa for a change of V^2 in V^2; None without geometry."""
     if a.layers is None or a.layer_thickness_m is None or a.relative_permittivity is None:
         return None
@@ -218,7 +218,7 @@ def _maxwell_stroke(a: Actuator, squared_volts: float) -> float | None:
     if a.electrode_area_m2 is not None and a.total_area_m2 is not None:
         share = a.electrode_area_m2 / a.total_area_m2
     stress = _EPS0 * a.relative_permittivity * squared_volts / a.layer_thickness_m**2 * share
-    return a.layers * a.layer_thickness_m * stress / _TYPICAL_MODULUS
+    return a.layers * a.layer_thickness_m * stress / TYPICAL_MODULUS
 
 
 def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[str],
@@ -247,8 +247,8 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
     low, high = float(np.nanmin(r.columns["voltage_V"])), float(np.nanmax(r.columns["voltage_V"]))
     largest = max(low**2, high**2)
     # a recording may begin after the step, so the most that can be expected counts from rest
-    most = _maxwell_stroke(a, largest)
-    least = _maxwell_stroke(a, largest - (0.0 if low <= 0.0 <= high else min(low**2, high**2)))
+    most = maxwell_stroke(a, largest)
+    least = maxwell_stroke(a, largest - (0.0 if low <= 0.0 <= high else min(low**2, high**2)))
     sensor = sensors.get("displacement", Sensor())
     floor = max(sensor.fluctuation or 0.0, sensor.resolution or 0.0)
     if low == high and usual > 10.0 * floor > 0.0 and _structured(r.columns["displacement_m"]):
@@ -266,13 +266,25 @@ def _displacement(r: Recording, sensors: Mapping[str, Sensor], problems: list[st
         if _structured(r.columns["displacement_m"]):
             problems.append(f"{said(most)}. {remedy} Or is the voltage in kV, or layer_thickness_m wrong?")
     elif stroke == 0.0:
-        warnings.append(f"{r.name}: displacement_m never changes; is the sensor connected?")
+        _never_changes(r, sensor, problems, warnings)
     elif stroke * _STROKE_FACTOR < least:
         if stroke < floor or stroke * _STROKE_FACTOR**2 < least:
             problems.append(f"{said(least)}. Was a column divided by a unit once too often, or is the "
                             "voltage in mV? Correct the units in its [format].")
         else:
             warnings.append(f"{said(least)}. Check the units of displacement and voltage.")
+
+
+def _never_changes(r: Recording, sensor: Sensor, problems: list[str], warnings: list[str]) -> None:
+    """A reading that stays the same is wrong where a stack far stiffer than the yardstick moves by what is resolved."""
+    y, v = r.columns["displacement_m"], r.columns["voltage_V"]
+    squares = v[np.isfinite(y) & np.isfinite(v)] ** 2
+    expected = (maxwell_stroke(r.actuator, float(np.ptp(squares))) or 0.0) if squares.size else 0.0
+    dead = expected > _STROKE_FACTOR * (sensor.resolution or 0.0)
+    where = f" where about {expected:.2g} m are expected (Maxwell stress, 1 MPa)" if dead else ""
+    (problems if dead else warnings).append(
+        f"{r.name}: displacement_m never changes (it stays at {float(np.fmax.reduce(y)) + 0.0:g} m){where}; is the sensor "
+        "connected? If it was not, record it again, or take the recording out.")
 
 
 def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> None:
