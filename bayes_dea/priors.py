@@ -34,6 +34,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from .compiled import njit
 from .errors import InputError
+from .toml_text import parse_toml
 
 FAMILIES = {
     "lognormal": ("median", "log_sd"),
@@ -42,6 +43,11 @@ FAMILIES = {
     "loguniform": ("low", "high"),
     "fixed": ("value",),
 }
+_REQUIRED, _OPTIONAL = ("unit", "source"), ("label", "ordered", "relative_to")
+#: a prior this many times away from the usual one is a unit or a slip, and models overflow there
+_FAR = 1e6
+#: share of a prior below zero with which it says nothing of a parameter that is positive
+_ALL_OF_IT = 0.999
 _LOG_FAMILIES = ("lognormal", "loguniform")
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -391,9 +397,19 @@ def prior_folder() -> Path:
 
 def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Parameter:
     """One ``[parameters.NAME]`` table to a Parameter; InputError names `where` and what is missing."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{where}: [parameters] {name} = {table!r} is no table; write [parameters.{name}] with prior, "
+                         "its numbers, unit and source")
     family = table.get("prior")
-    if family not in FAMILIES:
+    if not isinstance(family, str) or family not in FAMILIES:
         raise InputError(f"{where}: [parameters.{name}] prior = {family!r} is unknown; one of {', '.join(FAMILIES)}")
+    known = ("prior", *FAMILIES[family], *_REQUIRED, *_OPTIONAL)
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else "."
+            raise InputError(f"{where}: [parameters.{name}] {key} is unknown{hint} A {family} prior takes "
+                             f"{', '.join(known)}")
     numbers = []
     for key in FAMILIES[family]:
         if key not in table:
@@ -401,9 +417,12 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
         if isinstance(table[key], bool) or not isinstance(table[key], (int, float)):
             raise InputError(f"{where}: [parameters.{name}] {key} = {table[key]!r} is not a number")
         numbers.append(float(table[key]))
-    for key in ("unit", "source"):
+    for key in _REQUIRED:
         if not isinstance(table.get(key), str):
             raise InputError(f"{where}: [parameters.{name}] lacks '{key}' (a text)")
+    for key in _OPTIONAL:
+        if not isinstance(table.get(key, ""), str):
+            raise InputError(f"{where}: [parameters.{name}] {key} = {table[key]!r} must be a text")
     try:
         prior = Prior(family, numbers[0], [*numbers, 0.0][1], table.get("relative_to"))
     except InputError as error:
@@ -414,14 +433,19 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
 def read_prior_file(path: Path) -> dict[str, Parameter]:
     """All parameters of one prior file."""
     try:
-        text = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = parse_toml(path.read_text(encoding="utf-8"), str(path))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such prior file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); give a prior file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file: {error}") from None
     table = text.get("parameters")
     if not isinstance(table, dict) or not table:
         raise InputError(f"{path}: a prior file needs tables [parameters.NAME]; see priors/README.md")
+    for key in text:
+        if key != "parameters":
+            raise InputError(f"{path}: '{key}' is unknown; a prior file holds tables [parameters.NAME] only")
     return {name: parameter_from_table(name, entry, str(path)) for name, entry in table.items()}
 
 
@@ -450,6 +474,38 @@ def parse_override(text: str) -> tuple[str, Prior]:
     return match["name"], Prior(family, numbers[0], [*numbers, 0.0][1])
 
 
+def _check_domain(p: Parameter, prior: Prior, parameters: Sequence[Parameter]) -> None:
+    """Raises InputError for a prior whose whole mass lies where `p` has no meaning, or far from all that is known."""
+    if p.prior.is_log:  # what the prior files give a log family is positive
+        if prior.family == "fixed" and prior.a <= 0:
+            raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
+        if not prior.is_log and prior.family != "fixed" and float(prior.cdf(np.zeros(1))[0]) > _ALL_OF_IT:
+            raise InputError(f"prior for '{p.name}': {prior} lies below zero, but {p.name} is positive; write a prior "
+                             f"of positive numbers, e.g. {p.name}={replace(p.prior, relative_to=None)}")
+    usual, given = _range(p.prior, parameters), _range(prior, parameters)
+    if usual is not None and given is not None:
+        low, high = max(usual[0], given[0]), min(usual[1], given[1])
+        if low - high > math.log(_FAR):
+            raise InputError(f"prior for '{p.name}': {prior} lies more than a factor of {_FAR:g} away from the usual "
+                             f"one ({p.prior}, in {p.unit}), where nothing can be worked out; write its numbers in "
+                             f"{p.unit}")
+
+
+def _range(prior: Prior, parameters: Sequence[Parameter]) -> tuple[float, float] | None:
+    """Where a prior of a log family has nearly all of its mass, as logarithms of the parameter; None of another one."""
+    if prior.family == "loguniform":
+        return math.log(prior.a), math.log(prior.b)
+    if prior.family != "lognormal":
+        return None
+    shift = 0.0
+    if prior.relative_to is not None:
+        reference = [r for p in parameters if p.name == prior.relative_to and (r := _range(p.prior, parameters))]
+        if not reference:
+            return None
+        shift = 0.5 * sum(reference[0])
+    return math.log(prior.a) + shift - 3.0 * prior.b, math.log(prior.a) + shift + 3.0 * prior.b
+
+
 def apply_overrides(
     parameters: Sequence[Parameter], overrides: Mapping[str, Parameter | Prior]
 ) -> tuple[Parameter, ...]:
@@ -464,8 +520,8 @@ def apply_overrides(
     for p in parameters:
         o = overrides.get(p.name)
         prior = o.prior if isinstance(o, Parameter) else o
-        if prior is not None and p.prior.is_log and prior.family == "fixed" and prior.a <= 0:
-            raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
+        if prior is not None:
+            _check_domain(p, prior, parameters)
         if isinstance(o, Parameter) and o.unit.strip() not in (p.unit, *(("", "-") if p.unit == "1" else ())):
             raise InputError(
                 f"prior for '{p.name}': the prior file gives it in '{o.unit}', but the parameter is in {p.unit}. "

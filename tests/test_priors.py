@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import dblquad
 
+from bayes_dea.commands.options import overrides
 from bayes_dea.errors import InputError
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import (
@@ -342,6 +343,23 @@ def test_files_that_cannot_be_read(tmp_path, old, new, message):
         read_prior_file(write(tmp_path, GOOD.replace(old, new)))
 
 
+@pytest.mark.parametrize(("text", "message"), [
+    ("[parameters]\nY_Pa = 3\n", r"mine.toml: \[parameters\] Y_Pa = 3 is no table; write \[parameters.Y_Pa\]"),
+    (GOOD.replace('"lognormal"', '["a"]'), r"prior = \['a'\] is unknown; one of lognormal"),
+    (GOOD.replace("1e6", "1" + 400 * "0"), r"parameters.Y_Pa.median is a whole number of more than 19"),
+    (GOOD + 'relative_to = ["Y_Pa"]\n', r"\[parameters.Y_Pa\] relative_to = \['Y_Pa'\] must be a text"),
+    (GOOD + "ordered = 3\n", r"\[parameters.Y_Pa\] ordered = 3 must be a text"),
+    (GOOD + "label = 3\n", r"\[parameters.Y_Pa\] label = 3 must be a text"),
+    (GOOD + "foo = 3\n", r"\[parameters.Y_Pa\] foo is unknown. A lognormal prior takes prior, median, log_sd, unit"),
+    (GOOD + "logsd = 3\n", r"\[parameters.Y_Pa\] logsd is unknown; did you mean log_sd\? "),
+    ("foo = 3\n" + GOOD, r"mine.toml: 'foo' is unknown; a prior file holds tables \[parameters.NAME\]"),
+    ("x = " + 2000 * "[" + 2000 * "]" + "\n", r"mine.toml: .*brackets within brackets"),
+])
+def test_files_that_are_toml_and_no_priors(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read_prior_file(write(tmp_path, text))
+
+
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match=r"none.toml: there is no such prior file"):
         read_prior_file(tmp_path / "none.toml")
@@ -399,6 +417,38 @@ def test_a_stiffness_cannot_be_fixed_at_zero():
     with pytest.raises(InputError, match=r"'tau_1_s': its value must be positive, not 0"):
         apply_overrides(known, {"tau_1_s": Prior("fixed", 0.0)})
     assert apply_overrides(known, {"C2": Prior("fixed", 0.0)})[1].fixed
+
+
+@pytest.mark.parametrize("prior", [Prior("normal", -1e6, 1.0), Prior("uniform", -2.0, -1.0),
+                                   Prior("normal", -4.0, 1.0)])
+def test_a_prior_without_positive_numbers_is_refused_where_they_must_be(prior):
+    """The last one has 3e-5 of its mass above zero."""
+    message = r"prior for 'Y_Pa': .* lies below zero, but Y_Pa is positive; write .* e\.g\. Y_Pa=lognormal\(1\.2e\+06"
+    with pytest.raises(InputError, match=message):
+        build_model("hooke+gm1", {"Y_Pa": prior})
+    build_model("yeoh+gm1", {"C2_Pa": Prior("normal", -1e5, 1e4)})  # may be negative
+
+
+@pytest.mark.parametrize("prior", [Prior("normal", 0.0, 1e6), Prior("normal", 1e6, 1e5), Prior("uniform", -1.0, 2e6)])
+def test_a_prior_with_positive_numbers_is_taken(prior):
+    assert build_model("hooke+gm1", {"Y_Pa": prior}).parameters[0].prior == prior
+
+
+def test_a_prior_far_from_all_that_is_known_names_its_parameter():
+    """1e-300 Pa ended in overflows; k_1 is a share of Y_Pa (1.2e6) where nothing else is said, 1.2e5 Pa."""
+    far = {"Y_Pa": Prior("lognormal", 1e-300, 0.001), "tau_1_s": Prior("loguniform", 1e-40, 1e-30),
+           "k_1_Pa": Prior("lognormal", 1e29, 0.01)}
+    for name, prior in far.items():
+        with pytest.raises(InputError, match=rf"prior for '{name}': .* away from the usual one .* write its"):
+            build_model("hooke+gm1", {name: prior})
+    near = {"Y_Pa": Prior("lognormal", 1e3, 0.001), "tau_1_s": Prior("loguniform", 1e-12, 1e9),
+            "k_1_Pa": Prior("lognormal", 1e4, 0.1)}
+    assert build_model("hooke+gm1", near).parameters[0].prior.a == 1e3
+
+
+def test_one_parameter_given_twice_on_the_command_line():
+    with pytest.raises(InputError, match=r"--prior 'Y_Pa=1e6' and --prior 'Y_Pa=2e6': Y_Pa is given twice"):
+        overrides(["Y_Pa=1e6", "Y_Pa=2e6"], None)
 
 
 def test_an_override_nobody_knows_names_the_near_one():

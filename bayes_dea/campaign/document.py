@@ -26,6 +26,7 @@ from bayes_dea.campaign.settings import (
 from bayes_dea.campaign.units import suffix
 from bayes_dea.campaign.vocabulary import KNOWN_COLUMNS, RECORDING_KEYS, TOP_KEYS, did_you_mean, near
 from bayes_dea.errors import InputError
+from bayes_dea.toml_text import parse_toml
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def read_document(path: Path, free_kinds: bool = False) -> Document:
         raise InputError(f"{path}: cannot be read ({exc.strerror or exc}). Change its permissions, or copy it anew."
                          ) from exc
     try:
-        content = tomllib.loads(raw.decode("utf-8-sig"))
+        content = parse_toml(raw.decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as exc:
         line = raw[: exc.start].count(b"\n") + 1
         raise InputError(f"{path}, line {line}: the file is not UTF-8. Save it as UTF-8.") from exc

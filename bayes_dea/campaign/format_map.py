@@ -16,6 +16,10 @@ from bayes_dea.errors import InputError
 FORMAT_KEYS = ("delimiter", "decimal", "encoding", "skip_rows", "header", "columns", "dataset", "struct",
                "type", "rows")
 COLUMN_KEYS = ("name", "index", "unit", "sign", "scale", "offset", "rate_Hz", "time_format")
+#: codecs of Python that take texts, but none of files
+_OF_HOST_NAMES = ("idna", "punycode")
+#: what an encoding of recordings can write
+_SAMPLE = "0123456789+-.,;e\n"
 TYPES = ("csv", "mat", "hdf5", "parquet")
 
 
@@ -139,8 +143,11 @@ def _delimiter(value: object, where: str) -> str:
 
 def _encoding(value: object, where: str) -> str:
     try:
-        return codecs.lookup(value).name  # type: ignore[arg-type]
-    except (LookupError, TypeError):
+        name = codecs.lookup(value).name  # type: ignore[arg-type]
+        if name in _OF_HOST_NAMES or _SAMPLE.encode(name).decode(name) != _SAMPLE:  # hex and rot13 refuse texts
+            raise LookupError
+        return name
+    except (LookupError, TypeError, ValueError):
         raise InputError(f'{where}: unknown encoding {value!r}. Common ones: "utf-8", "latin-1", "cp1252", '
                          '"gbk", "shift_jis", "utf-16".') from None
 

@@ -283,8 +283,8 @@ def _never_changes(r: Recording, sensor: Sensor, problems: list[str], warnings: 
     dead = expected > _STROKE_FACTOR * (sensor.resolution or 0.0)
     where = f" where about {expected:.2g} m are expected (Maxwell stress, 1 MPa)" if dead else ""
     (problems if dead else warnings).append(
-        f"{r.name}: displacement_m never changes (it stays at {float(np.fmax.reduce(y)) + 0.0:g} m){where}; is the sensor "
-        "connected? If it was not, record it again, or take the recording out.")
+        f"{r.name}: displacement_m never changes (it stays at {float(np.fmax.reduce(y)) + 0.0:g} m){where}; is the "
+        "sensor connected? If it was not, record it again, or take the recording out.")
 
 
 def _sign(r: Recording, sensors: Mapping[str, Sensor], problems: list[str]) -> None:

@@ -91,12 +91,15 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
     if file is not None and file.is_dir():
         raise InputError(f"--priors {file}: is a folder; give a prior file (TOML, see priors/README.md)")
     out: dict[str, Any] = dict(read_prior_file(file)) if file is not None else {}
+    told: dict[str, str] = {}
     for text in prior or []:
         try:
             name, value = parse_override(text)
         except InputError as error:
             raise InputError(f"--prior {text!r}: {error}") from error
-        out[name] = value
+        if name in told:
+            raise InputError(f"--prior {told[name]!r} and --prior {text!r}: {name} is given twice; give one of them")
+        told[name], out[name] = text, value
     return out
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..toml_text import parse_toml
 
 COSTS_FILE = "costs.toml"
 
@@ -57,7 +58,7 @@ def read_costs(path: Path) -> Costs:
     Raises InputError where the file cannot be read, or an entry is unknown or no number.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = parse_toml(path.read_text(encoding="utf-8"), f"--costs {path}")
     except OSError as error:
         raise InputError(f"--costs {path}: cannot be read ({error.strerror}); give a TOML file") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -25,6 +25,7 @@ from bayes_dea.importing.sniff import sniff
 from bayes_dea.importing.tables import RawTable
 from bayes_dea.importing.write import names_of_files, toml_text
 from bayes_dea.results import write_atomic
+from bayes_dea.toml_text import parse_toml
 
 _TABLES = ("actuator", "sensor", "ambient", "share", "meta", "conventions")
 _ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".mat", ".h5", ".hdf5", ".hdf", ".parquet", ".pq")
@@ -83,7 +84,7 @@ def read_tables(path: Path | None) -> tuple[dict[str, Any], Actuator]:
         why = "is a folder; give the TOML file in it" if path.is_dir() else "there is no such file"
         raise InputError(f"--actuator {path}: {why}.")
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = parse_toml(path.read_text(encoding="utf-8-sig"), f"--actuator {path}")
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"--actuator {path}: this is no valid TOML ({error}). Correct that line.") from None
     kept = {

@@ -11,6 +11,7 @@ from ..campaign.schema import Actuator, Sensor
 from ..campaign.settings import parse_actuator, parse_conventions, parse_sensors
 from ..errors import InputError
 from ..models.electrostatics import VOLTAGE_GEOMETRY, require
+from ..toml_text import parse_toml
 from .lines import LineFormat, parse_device
 
 
@@ -27,7 +28,7 @@ class Bench:
 
 def _toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return parse_toml(path.read_text(encoding="utf-8-sig"), str(path))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; give campaign.toml or its folder") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
