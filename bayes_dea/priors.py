@@ -48,6 +48,8 @@ _REQUIRED, _OPTIONAL = ("unit", "source"), ("label", "ordered", "relative_to")
 _FAR = 1e6
 #: share of a prior below zero with which it says nothing of a parameter that is positive
 _ALL_OF_IT = 0.999
+#: what stands in the text of a prior before the name of what it is relative to
+RELATIVE = " x "
 _LOG_FAMILIES = ("lognormal", "loguniform")
 _HALF_LOG_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -82,7 +84,7 @@ class Prior:
     def __str__(self) -> str:
         numbers = (self.a,) if self.family == "fixed" else (self.a, self.b)
         text = f"{self.family}({', '.join(f'{v:g}' for v in numbers)})"
-        return text + (f" x {self.relative_to}" if self.relative_to else "")
+        return text + (f"{RELATIVE}{self.relative_to}" if self.relative_to else "")
 
     @property
     def is_log(self) -> bool:

@@ -24,7 +24,9 @@ from .options import (
     SeedOption,
     WorkersOption,
     conclude,
+    named,
     overrides,
+    prior_words,
     room,
     threads,
     writing,
@@ -75,13 +77,16 @@ def compare(
     with progress(quiet) as report:
         report("reading recordings", 0, 1, "")
         given = overrides(prior, priors)
-        built_models(expand(models), given)  # a wrong name is said before minutes of reading
+        built = built_models(expand(models), given)  # a wrong name is said before minutes of reading
         loaded = load_campaign(campaign, data_root, report=lambda *at: report("reading recordings", *at),
                                scratch=room(memory, scratch))
         settings = ComparisonSettings(workers=threads(workers))
         with writing(out):
             checkpoints = Checkpoints(out)
-            result = run(loaded, models, seed, settings, given, report, checkpoints, anew)
+            again = named(campaign, data_root)
+            if all(set(given) <= {p.name for p in m.parameters} for m in built.values()):
+                again += prior_words(prior, priors)
+            result = run(loaded, models, seed, settings, given, report, checkpoints, anew, again)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             write_json(out / COMPARISON_FILE, result.summary)

@@ -23,6 +23,7 @@ from .options import (
     WorkersOption,
     begin,
     conclude,
+    named,
     one_of_them,
     overrides,
     room,
@@ -60,6 +61,7 @@ def diagnose(
     from ..campaign import load_campaign
     from ..mismatch.diagnosis import DiagnosisSettings
     from ..mismatch.diagnosis import diagnose as run
+    from ..mismatch.go_on import calibrate_command
     from ..mismatch.search.hypotheses import parted
     from ..mismatch.store import DIAGNOSIS_FILE, REPORT_FILE, save_diagnosis, terminal_summary
     from ..models.model import build_model
@@ -83,6 +85,7 @@ def diagnose(
             begin(checkpoint, resume, anew)
             result = run(loaded, structure, seed, settings, report=report, priors=further, checkpoint=checkpoint)
             result.summary["meta"] = dict(loaded.meta)
+            result.summary["next_command"] = calibrate_command(result.summary, named(campaign, data_root), priors)
             result.summary["command"] = ["bayes-dea", *sys.argv[1:]]
             report("drawing the page", 0, 1, str(out))
             save_diagnosis(result, out, lambda *at: report("drawing the page", *at))

@@ -103,6 +103,19 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
     return out
 
 
+def named(campaign: list[Path], data_root: Path | None) -> list[str]:
+    """The words of another command on the same campaign."""
+    return [*map(str, campaign), *(["--data-root", str(data_root)] if data_root is not None else [])]
+
+
+def prior_words(prior: list[str] | None, file: Path | None) -> list[str]:
+    """The words of another command with the same priors."""
+    words = [] if file is None else ["--priors", str(file)]
+    for text in prior or []:
+        words += ["--prior", text]
+    return words
+
+
 def room(memory_MB: float, scratch: Path | None) -> ScratchSettings:
     """What --memory and --scratch say."""
     from ..campaign.scratch import ScratchSettings

@@ -80,13 +80,14 @@ def compare(
     report: Report | None = None,
     checkpoints: Path | Checkpoints | None = None,
     anew: bool = False,
+    again: Sequence[str] = (),
 ) -> Comparison:
     """Compare model structures on the recordings of a campaign, by evidence and by prediction.
 
     models: SPECs, as a list or in one text (``"hooke+gm1..6,yeoh+gm3"``, ``"all"``). priors: overrides by parameter
     name, for the models that have it. checkpoints: folder where each finished model is kept, so that a run that was
-    interrupted goes on to the same numbers; anew: do not go on. Raises InputError for lists and campaigns that cannot
-    be compared.
+    interrupted goes on to the same numbers; anew: do not go on. again: words by which another command takes the same
+    campaign and priors. Raises InputError for lists and campaigns that cannot be compared.
     """
     from .summary import summarise
 
@@ -147,7 +148,7 @@ def compare(
         laps[key] = sum(d.seconds.get(key, 0.0) for d in done.values())
     say("weighing", 0, 1, "")
     done, moved = aligned(done, data, built)
-    summary = summarise(data, built, groups, chosen, done, np.random.default_rng([seed, 7]))
+    summary = summarise(data, built, groups, chosen, done, np.random.default_rng([seed, 7]), again)
     laps["weigh"] = time.perf_counter() - lap - laps["bridge"]
     summary["aligned_nats"] = moved
     summary["seed"] = seed

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..campaign.named import campaign_words
 from ..models.model import Model
 from ..quantities import statistics
 from .common import CommonData
@@ -33,8 +34,9 @@ def summarise(
     chosen: Sequence[str],
     done: Mapping[str, Done],
     rng: np.random.Generator,
+    again: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Everything that comparison.json says, but seconds and seed."""
+    """Everything that comparison.json says, but seconds and seed. again: how commands name the campaign."""
     recordings = _scored(done)
     partners = [
         exact_partner(data, built[c], built[n], done[c])
@@ -68,7 +70,7 @@ def summarise(
         "warnings": [],
     }
     summary["statement"] = statement(summary)
-    summary["warnings"] = [*data.warnings, *warnings_of(summary, done)]
+    summary["warnings"] = [*data.warnings, *warnings_of(summary, done, again or campaign_words(data.campaign))]
     return summary
 
 

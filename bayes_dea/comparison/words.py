@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -122,8 +123,8 @@ def notes_of(ranking: Sequence[Mapping[str, Any]]) -> list[str]:
             "could make up for it. The evidence is that of importance draws alone and was not refined."]
 
 
-def warnings_of(s: Mapping[str, Any], done: Mapping[str, Done]) -> list[str]:
-    """What a person should know before acting on the ranking."""
+def warnings_of(s: Mapping[str, Any], done: Mapping[str, Done], campaign: Sequence[str]) -> list[str]:
+    """What a person should know before acting on the ranking. campaign: the words by which a command takes it."""
     out = []
     for e in s["ranking"]:
         name = e["model"]
@@ -147,10 +148,11 @@ def warnings_of(s: Mapping[str, Any], done: Mapping[str, Done]) -> list[str]:
     best = s["ranking"][0]
     lost = _misfit(done[best["model"]])
     if lost is not None:
+        command = shlex.join(["bayes-dea", "diagnose", *campaign, "--model", best["model"]])
         out.append(
             f"Also the best of these, {best['model']}, misses the recordings: its noise came out at {lost[1]:.3g} "
             f"{lost[2]} where quiet stretches scatter by {lost[0]:.3g}. A ranking of wrong models says which is least "
-            f"wrong; find out what is missing with: bayes-dea diagnose CAMPAIGN --model {best['model']}"
+            f"wrong; find out what is missing with: {command}"
         )
     flips = _prior_dependent(s["ranking"])
     if flips:

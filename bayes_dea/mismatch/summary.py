@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..assemble import Assembled
+from ..campaign.named import campaign_words
 from ..campaign.schema import Campaign
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
@@ -121,7 +122,7 @@ def summarise(
     if mended:
         whole = proof_summary(list(mended), how)
         out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR}
-    out["next_command"] = calibrate_command(out)
+    out["next_command"] = calibrate_command(out, campaign_words(campaign))
     out["statement"] = statement(out, naming, assembled, physics[verdict], judged.ruling.delays_s)
     if silent(naming):
         note = silent_note(out)

@@ -1,6 +1,7 @@
 """What a diagnosis prints at its end."""
 
 import shlex
+from pathlib import Path
 
 import pytest
 
@@ -51,6 +52,18 @@ def test_the_command_that_goes_on_is_one_that_a_shell_reads(summary):
     assert "dE_Pa=lognormal(2e5, 1)" in words
     assert calibrate_command({**summary, "verdict": "unknown"}) == ""
     assert "To go on" not in terminal_summary({**summary, "next_command": ""})
+
+
+def test_the_command_names_the_campaign_and_what_reading_it_takes(summary):
+    """A branch that the user states as a share of the modulus cannot be said by --prior: its file is named."""
+    summary["corrected_priors"] = {"k_1_Pa": "lognormal(0.1, 0.3) x Y_Pa", "Y_Pa": "lognormal(1e+06, 0.2)"}
+    where = ["my campaign", "--data-root", "raw data"]
+    words = shlex.split(calibrate_command(summary, where, Path("p q.toml")))
+    assert words[:5] == ["bayes-dea", "calibrate", *where]
+    assert words[words.index("--priors") + 1] == "p q.toml"
+    assert [w for w in words if w.startswith(("Y_Pa=", "k_1_Pa="))] == ["Y_Pa=lognormal(1e+06, 0.2)"]
+    plain = {**summary, "corrected_priors": {}}
+    assert "--prior" not in calibrate_command(plain, where, Path("p.toml"))
 
 
 def test_the_longest_names_are_told_apart_and_their_numbers_stand_below(summary):
