@@ -465,6 +465,7 @@ def test_a_prior_file_that_cannot_be(refused, small_campaign, tmp_path, table, s
 @pytest.mark.parametrize(("options", "message"), [
     (["--model", "hooke", "--seed", "-1"], "greater than or equal to 0"),
     (["--model", "hooke", "--seed", "one"], "valid integer"),
+    (["--model", "hooke", "--seed", str(2**63)], f"take one up to {2**63 - 1}"),
     (["--model", "hooke", "--walkers", "2"], "--walkers"),
     (["--model", "hooke", "--max-steps", "10"], "--max-steps"),
     (["--model", "hooke", "--unknown", "1"], "No such option: --unknown"),

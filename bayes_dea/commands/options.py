@@ -27,7 +27,19 @@ seconds = partial(typer.Option, metavar="SECONDS")
 folder = partial(typer.Option, metavar="DIR")
 name = partial(typer.Option, metavar="NAME")
 
-SeedOption = Annotated[int, count(help="Seed of every random number; the same seed, the same numbers.", min=0)]
+#: netCDF keeps integers of 64 bits: a larger seed would be refused there, after all sampling
+LARGEST_SEED = 2**63 - 1
+
+
+def keepable(seed: int) -> int:
+    """The seed, where it can be kept with the results."""
+    if seed > LARGEST_SEED:
+        raise typer.BadParameter(f"{seed} cannot be kept with the results; take one up to {LARGEST_SEED}")
+    return seed
+
+
+SeedOption = Annotated[int, count(help="Seed of every random number; the same seed, the same numbers.", min=0,
+                                  callback=keepable)]
 OutOption = Annotated[Path, folder(help="Folder for the results; made if it is not there.")]
 WorkersOption = Annotated[int, count(help="Threads for reading and predicting; 0: one per processor.", min=0)]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
