@@ -270,11 +270,11 @@ class PriorSet:
         plain = [0 if self.free[r].prior.is_log else 1 if r >= 0 else 0 for r in reference]
         constant = -sum(g.log_mass for _, g in self._groups)
         return (
-            np.array(family),
+            np.array(family, np.int64),
             np.array(a, float),
             np.array(b, float),
-            np.array(reference),
-            np.array(plain),
+            np.array(reference, np.int64),
+            np.array(plain, np.int64),
             np.array(shift, float),
             self._before,
             self._bounds,

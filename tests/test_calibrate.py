@@ -180,6 +180,23 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
 
 
 @pytest.mark.usefixtures("without_refits")
+def test_every_parameter_fixed_leaves_the_noise_to_be_found(small_campaign, tmp_path):
+    """Is what the data sheet says right? Nothing is fitted but the noise, a gain and offsets."""
+    campaign = bd.load_campaign(tiny_campaign(small_campaign, tmp_path / "tiny"))
+    settings = short_settings(max_steps=100, predictive_draws=20)
+    with pytest.warns(bd.NotConvergedWarning):
+        known = bd.calibrate(campaign, "hooke", settings=settings, priors={"Y_Pa": bd.Prior("fixed", 1.1e6)})
+    s = plain(known.summary)
+    check_contract(s)
+    assert s["parameters"] == {}
+    assert s["priors"]["Y_Pa"]["prior"] == "fixed(1.1e+06)"
+    # the bench's noise, and what an elastic stack misses of one that creeps
+    assert 4e-6 < s["noise"]["sigma_displacement_m"]["mean"] < 8e-6
+    at_rest = bd.predict(known, {"time_s": np.arange(10.0), "voltage_V": np.repeat([400.0, 800.0], 5)}, draws=10).mean
+    assert at_rest[-1] == pytest.approx(4 * at_rest[4], rel=1e-6), "an elastic stack answers to the voltage squared"
+
+
+@pytest.mark.usefixtures("without_refits")
 def test_seconds_that_are_over_before_sampling_begins(small_campaign, tmp_path):
     """What there is: the maximum, a first few draws around it, and a warning that names the option to give more of."""
     campaign = bd.load_campaign(tiny_campaign(small_campaign, tmp_path / "tiny"))

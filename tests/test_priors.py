@@ -411,6 +411,15 @@ def test_applied_overrides_keep_the_rest():
     assert apply_overrides([own], {"tau_1_s": file})[0].source == "my notebook"
 
 
+def test_a_set_without_a_free_parameter():
+    """Everything is known: nothing to draw, and a density of one."""
+    known = PriorSet((Parameter("Y_Pa", "Pa", Prior("fixed", 1e6)),))
+    z = known.draw(3, np.random.default_rng(0))
+    assert z.shape == (3, 0)
+    assert known.logpdf(z).tolist() == [0.0] * 3
+    assert known.to_physical(z)["Y_Pa"].tolist() == [1e6] * 3
+
+
 def test_a_stiffness_cannot_be_fixed_at_zero():
     known = [Parameter("tau_1_s", "s", Prior("lognormal", 1.0, 1.0)),
              Parameter("C2", "Pa", Prior("normal", 0.0, 1.0))]

@@ -199,6 +199,8 @@ def _box_starts(
         return values
 
     dimension = d + n_zero
+    if not dimension:  # all is known but the noise, from whose guess a start begins
+        return list(points(np.empty((1, 0)))), 1
     swarm = SwarmSettings(particles=max(30, 4 * dimension), max_iterations=150, stall_iterations=15, tolerance=0.5)
     swarms = min(s.swarms, 4)
     result = multi_swarm(
