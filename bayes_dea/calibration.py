@@ -502,9 +502,8 @@ def _notes(
     out = []
     if not sampling.converged:
         out.append(
-            f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it "
-            f"longer ({to_go_on(sampling)}; it goes on where it stopped) or ask less of the recordings (fewer "
-            "elements)."
+            f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it longer "
+            f"({to_go_on(sampling)}; it goes on where it stopped) or ask less of the recordings (fewer elements)."
         )
     if found.agree < found.swarms:
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")

@@ -93,7 +93,17 @@ def conclude(quiet: bool, as_json: bool, result: Path, summary: str, page: Path 
     elif not quiet:
         typer.echo(summary)
         if page is not None:
-            typer.echo(f"\nReport: {page}")
+            typer.echo("")
+            tell_of(page)
+
+
+def tell_of(page: Path) -> None:
+    """Where the page is, and where those of earlier verbs are."""
+    from ..report.own_page import beside
+
+    typer.echo(f"Report: {page}")
+    for other in beside(page):
+        typer.echo(f"Beside it: {other}")
 
 
 def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter | Prior]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from .options import QuietOption, writing
+from .options import QuietOption, tell_of, writing
 from .progress import progress
 
 EXAMPLE = "Example: bayes-dea report out"
@@ -21,13 +21,18 @@ def report(
                                          "repository.")] = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Draw report.html again from the JSON and data in a folder."""
+    """Draw report.html again from the JSON and data in a folder.
+
+    Where several verbs wrote into it, report.html shows the last one's result, and the
+    pages of the others stand beside it (calibration.html, diagnosis.html, ...).
+    """
     from ..errors import InputError
     from ..prediction.redraw import redraw_prediction_page
     from ..report.comparison_page import write_comparison_page
     from ..report.diagnosis_page import write_diagnosis_page
     from ..report.live_page import write_live_page
     from ..report.next_page import write_next_page
+    from ..report.own_page import REPORT_FILE, shown
     from ..report.page import write_report
     from ..report.paper_page import write_paper_page
     from ..store import load_posterior
@@ -43,17 +48,20 @@ def report(
     }
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder; give the --out of an earlier run")
-    kind = next((name for name in pages if (folder / name).is_file()), None)
-    if kind is None:
+    kinds = [name for name in pages if (folder / name).is_file()]
+    if not kinds:
         raise InputError(f"{folder}: holds no result to draw ({', '.join(pages)}); give the --out of an earlier run")
+    # that of the last verb is drawn last: each page puts the one before it aside, under its own name
+    last = f"{shown(folder / REPORT_FILE)}.json"
+    kinds.sort(key=lambda name: (name == last, (folder / name).stat().st_mtime_ns))
     with progress(quiet) as say:
         def drawn(done: float, of: float, text: str) -> None:
             say("drawing the page", done, of, text)
 
         drawn(0, 1, "")
-        if kind == "calibration.json":
+        if "calibration.json" in kinds:
             load_posterior(folder)
         with writing(folder):
-            page = pages[kind](drawn)
+            page = [pages[kind](drawn) for kind in kinds][-1]
     if not quiet:
-        typer.echo(f"Report: {page}")
+        tell_of(page)

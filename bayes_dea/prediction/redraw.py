@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..results import read_json, write_atomic
+from ..results import read_json
 from .result import PAGE_FILE, SUMMARY_FILE, TABLE_FILE
 
 #: called with (done, of, text)
@@ -20,6 +20,7 @@ def redraw_prediction_page(folder: Path, report: Report | None = None) -> Path:
 
     Raises InputError where one of them is not there, or is none of ours.
     """
+    from ..report.own_page import write_page
     from ..report.prediction_page import PredictionView, render
 
     table = folder / TABLE_FILE
@@ -36,6 +37,4 @@ def redraw_prediction_page(folder: Path, report: Report | None = None) -> Path:
     except (ValueError, KeyError) as error:
         raise InputError(f"{folder}: {SUMMARY_FILE} and {TABLE_FILE} are not a whole prediction ({error}); run predict "
                          "again") from error
-    path = folder / PAGE_FILE
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / PAGE_FILE, "prediction", html)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..results import read_json, write_atomic
+from ..results import read_json
+from .own_page import REPORT_FILE, write_page
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, Report, drawn, looks, new_figure, picture
 from .templating import environment
 
@@ -49,9 +50,7 @@ def write_comparison_page(folder: Path, report: Report | None = None) -> Path:
         command=shlex.join(summary.get("command", [])) or None,
         sure=(ranking[0]["probability"] or 0.0) >= 0.95 and not summary["cannot_tell"],
     )
-    path = folder / "report.html"
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / REPORT_FILE, "comparison", html)
 
 
 def _number(value: float | None) -> float:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..experiments.words import recording_in_words
-from ..results import not_said, read_json, write_atomic
+from ..results import not_said, read_json
 from . import digits
+from .own_page import REPORT_FILE, write_page
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
 from .tables import origin_of
 from .templating import environment
@@ -72,9 +73,7 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
         held=_held_rows(summary),
         by=_by_rows(summary),
     )
-    path = folder / "report.html"
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / REPORT_FILE, "diagnosis", html)
 
 
 def _worst(summary: dict[str, Any], data: dict[str, Array]) -> list[int]:

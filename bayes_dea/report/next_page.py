@@ -10,7 +10,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..experiments.words import duration, settings_in_words
-from ..results import read_json, write_atomic
+from ..results import read_json
+from .own_page import REPORT_FILE, write_page
 from .style import (
     BAR,
     BLACK,
@@ -73,9 +74,7 @@ def write_next_page(folder: Path, report: Report | None = None) -> Path:
         subject=_subject(s),
         sure=ranking[0]["expected_information_gain_nats"] > 3 * ranking[0]["se"],
     )
-    path = folder / "report.html"
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / REPORT_FILE, "next", html)
 
 
 def _command(path: Path) -> tuple[str, np.ndarray]:

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..results import write_atomic
-from ..store import REPORT_FILE
 from . import digits, figures_parameters, figures_recordings, live_plot, tables
 from .data import RecordingData, ResultData, read_result
+from .own_page import REPORT_FILE, write_page
 from .style import Picture, looks
 from .templating import environment
 from .verdict import verdict
@@ -51,9 +50,7 @@ def write_report(folder: Path, interactive: bool = True, report: Report | None =
     The file is replaced whole or not at all. Raises InputError when a file is missing, broken or of another run.
     """
     html = render(read_result(Path(folder)), interactive, report)
-    path = Path(folder) / REPORT_FILE
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(Path(folder) / REPORT_FILE, "calibration", html)
 
 
 def render(data: ResultData, interactive: bool = True, report: Report | None = None) -> str:

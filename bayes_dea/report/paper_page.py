@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..results import read_json, write_atomic
+from ..results import read_json
 from . import digits
+from .own_page import REPORT_FILE, write_page
 from .style import Picture, Report, drawn, looks
 from .templating import environment
 
@@ -119,9 +120,7 @@ def write_paper_page(folder: Path, report: Report | None = None) -> Path:
         total=_duration(sum(s["seconds"] for s in summary["sections"])),
         command=shlex.join(summary.get("command", [])) or None,
     )
-    path = folder / "report.html"
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / REPORT_FILE, "paper", html)
 
 
 def kind_of(entry: Mapping[str, Any]) -> str:

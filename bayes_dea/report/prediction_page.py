@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..results import write_atomic
 from . import digits, style
+from .own_page import write_page
 from .style import Picture
 from .templating import environment
 
@@ -59,8 +59,7 @@ class PredictionView:
 def write_prediction_page(path: Path, view: PredictionView, report: style.Report | None = None) -> Path:
     """Draw the page; the file is replaced whole or not at all. report: called with (done, of, text)."""
     html = render(view, report)
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(path, "prediction", html)
 
 
 def render(view: PredictionView, report: style.Report | None = None) -> str:
