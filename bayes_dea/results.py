@@ -125,8 +125,10 @@ def _fill(content: bytes, path: Path) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """A JSON file as a dictionary."""
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    """A JSON file as a dictionary. Raises OSError where it cannot be read, ValueError where it is not an object."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise ValueError(f"{path.name} holds no object of names and values")
     return content
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _TEMPLATE = "diagnosis.html.j2"
 _MOST_RECORDINGS = 8
+#: what a diagnosis always has
+_KEYS = ("model", "verdict", "statement", "hypotheses", "mismatch", "proof", "next_experiment")
 
 
 def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], None] | None = None) -> Path:
@@ -40,6 +42,10 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
             data = {k: file[k] for k in file.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(f"{folder}: no whole diagnosis ({error}); run the diagnosis again") from error
+    missing = [k for k in _KEYS if summary.get(k) in (None, [])]
+    if missing:
+        raise InputError(f"{folder / 'diagnosis.json'}: has no {', '.join(missing)}; it is not the result of a "
+                         "diagnosis. Run it again")
     worst = _worst(summary, data)
     drawings: list[tuple[str, Callable[[], Picture | None]]] = [
         *(("where", partial(_residuals, summary, data, i)) for i in worst),
