@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import BayesDEAError
+from .errors import BayesDEAError, InputError
 
 
 def plain(value: Any) -> Any:
@@ -130,6 +130,17 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path.name} holds no object of names and values")
     return content
+
+
+def unreadable(path: Path, error: Exception, what: str, remedy: str) -> InputError:
+    """What to raise where a result cannot be read; one that may not be read is whole, and asks for no new run.
+
+    what: it was to be, e.g. "read as a posterior"; remedy: what to do about a file that is damaged.
+    """
+    if isinstance(error, PermissionError):
+        return InputError(f"{path}: may not be read ({os.strerror(errno.EACCES)}); change its permissions, or call "
+                          "this as who owns it")
+    return InputError(f"{path}: cannot be {what} ({error}); {remedy}")
 
 
 def not_said(summary: Mapping[str, Any]) -> list[str]:

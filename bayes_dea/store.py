@@ -18,7 +18,7 @@ import numpy as np
 
 from .errors import InputError
 from .fit.diagnostics import arviz
-from .results import json_bytes, write_all_bytes
+from .results import json_bytes, unreadable, write_all_bytes
 from .reuse import RUN
 
 if TYPE_CHECKING:
@@ -160,4 +160,4 @@ def load_posterior(folder: Path) -> Any:
     try:
         return arviz().from_netcdf(str(path), engine="h5netcdf")
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a posterior ({error}); run the calibration again") from error
+        raise unreadable(path, error, "read as a posterior", "run the calibration again") from error

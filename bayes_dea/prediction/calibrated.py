@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
 from ..errors import InputError
-from ..results import plain, read_json
+from ..results import plain, read_json, unreadable
 from ..reuse import KEY, Structure, check_same_run, restore
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
+
+_DAMAGED = "it was cut off or damaged. Calibrate again"
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,7 @@ def _summary(folder: Path) -> dict[str, Any]:
     try:
         summary = read_json(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); it was cut off or damaged. Calibrate again") from error
+        raise unreadable(path, error, "read", _DAMAGED) from error
     missing = [k for k in ("model", "parameters", "noise", "recordings", "sampler") if k not in summary]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it is not the result of a calibration")
@@ -151,9 +153,7 @@ def _posterior(
                 if hasattr(item, "shape") and item.shape == coordinates.shape[:2]
             }
     except (OSError, ValueError, KeyError, RuntimeError) as error:
-        raise InputError(
-            f"{path}: cannot be read as a posterior ({error}); it was cut off or damaged. Calibrate again"
-        ) from error
+        raise unreadable(path, error, "read as a posterior", _DAMAGED) from error
     if names != structure.coordinates or coordinates.ndim != 3 or coordinates.shape[2] != len(names):
         raise InputError(
             f"{path}: belongs to another run than {CALIBRATION_FILE} beside it. Calibrate again, into a folder of "

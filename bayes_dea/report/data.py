@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..page_data import PageData
-from ..results import read_json
+from ..results import read_json, unreadable
 from ..reuse import check_same_run
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE, variable_names
 from . import symbols
@@ -147,7 +147,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such file; is {folder} the --out of a calibration?") from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); run the calibration again") from error
+        raise unreadable(path, error, "read", "run the calibration again") from error
     missing = [k for k in ("model", "parameters", "noise", "sampler", "recordings") if k not in summary]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it is not the result of a calibration. Run it again")
@@ -180,7 +180,7 @@ def read_result(folder: Path) -> ResultData:
                 _pages(file),
             )
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a posterior ({error}); run the calibration again") from error
+        raise unreadable(path, error, "read as a posterior", "run the calibration again") from error
     except KeyError as error:
         raise InputError(
             f"{path}: has no {error.args[0]}, which {CALIBRATION_FILE} beside it speaks of: the two come "
