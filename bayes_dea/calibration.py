@@ -485,6 +485,13 @@ def _rmse(p: Prediction) -> dict[str, float | None]:
     return {"rmse_m": p.rmse} if p.channel == "displacement" else {"rmse_N": p.rmse, "rmse_m": None}
 
 
+def _in_words(value: float, channel: str) -> str:
+    """A displacement (m) or a force (N) as people say it: um and mN, or mm and N where these would be thousands."""
+    factor, small, large = (1e6, "um", "mm") if channel == "displacement" else (1e3, "mN", "N")
+    shown = value * factor
+    return f"{shown:.3g} {small}" if abs(shown) < 999.5 else f"{shown / 1000:.3g} {large}"
+
+
 def _largest(values: NDArray) -> float | None:
     good = np.asarray(values, float)
     good = good[np.isfinite(good)]
@@ -517,17 +524,17 @@ def _notes(
             )
     for p in predictions:
         if p.chi2_reduced > 1.5 and p.rmse > 0:
-            unit = "m" if p.channel == "displacement" else "N"
             out.append(
-                f"{p.name}: the model misses it by {p.rmse:.3g} {unit} RMS where the "
-                f"noise is {p.noise_floor:.3g} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."
+                f"{p.name}: the model misses it by {_in_words(p.rmse, p.channel)} RMS where the noise is "
+                f"{_in_words(p.noise_floor, p.channel)} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."
             )
         # a recording's own offset and gain can swallow what the model misses; then they are larger than the sensor's
         for what, value, sd in (("offset", p.offset, p.offset_prior_sd), ("gain", p.gain, p.gain_prior_sd)):
             if sd > 0 and abs(value) > 4 * sd:
+                found, allowed = (_in_words(x, p.channel) if what == "offset" else f"{x:.3g}" for x in (value, sd))
                 out.append(
-                    f"{p.name}: its own {what} came out at {value:.3g}, {abs(value) / sd:.0f} times what the sensor's "
-                    f"stated accuracy allows ({sd:.3g}): the {what} stands in for something that is left out, or the "
+                    f"{p.name}: its own {what} came out at {found}, {abs(value) / sd:.0f} times what the sensor's "
+                    f"stated accuracy allows ({allowed}): the {what} stands in for something that is left out, or the "
                     "statement is wrong."
                 )
     return out

@@ -4,6 +4,7 @@ import hashlib
 import math
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from short_runs import short_settings
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
+from bayes_dea.calibration import _notes
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
@@ -177,6 +179,24 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
         tight = bd.calibrate(campaign, "hooke+gm1", settings=settings, priors=narrow)
     assert tight.parameters["Y_Pa"]["mean"] == pytest.approx(1.1e6, rel=1e-3)
     assert tight.parameters["Y_Pa"]["contraction"] < 0.5
+
+
+def test_what_is_left_out_is_told_in_units_that_people_use():
+    def recording(name, channel, rmse, noise, offset):
+        return SimpleNamespace(name=name, channel=channel, rmse=rmse, noise_floor=noise, chi2_reduced=1.9, gain=-0.5,
+                               offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1)
+
+    said = _notes(SimpleNamespace(name="hooke", reported=lambda _: {}, prior_draws=lambda *_: None),
+                  SimpleNamespace(agree=1, swarms=1), SimpleNamespace(converged=True), {}, {},
+                  [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, -2.4e-3),
+                   recording("b.csv", "force", 0.0321, 4.95e-3, 12.0)])
+    assert said[0].startswith("a.csv: the model misses it by 6.59 um RMS where the noise is 4.78 um (reduced")
+    assert said[1].startswith("a.csv: its own offset came out at -2.4 mm, 8 times what")
+    assert "allows (300 um)" in said[1]
+    assert said[2].startswith("a.csv: its own gain came out at -0.5, 5 times what")
+    assert "allows (0.1)" in said[2]
+    assert said[3].startswith("b.csv: the model misses it by 32.1 mN RMS where the noise is 4.95 mN (reduced")
+    assert said[4].startswith("b.csv: its own offset came out at 12 N, 8 times what")
 
 
 @pytest.mark.usefixtures("without_refits")

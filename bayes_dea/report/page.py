@@ -88,7 +88,7 @@ def context(data: ResultData, interactive: bool = True, report: Report | None = 
         "verdict": verdict(s),
         "origin": origin,
         "simulated": any(w in origin.lower() for w in ("simulat", "virtual bench", "synthetic")),
-        "warnings": [str(w) for w in s.get("warnings") or []],
+        "warnings": [digits.page_text(str(w)) for w in s.get("warnings") or []],
         "rows": rows,
         "views": views,
         "pictures": pictures,

@@ -185,7 +185,8 @@ def test_nothing_comes_from_outside(result: Path, tmp_path: Path) -> None:
 
 
 def test_not_converged_says_so_and_gives_no_ess(make_result: Make, tmp_path: Path) -> None:
-    folder = make_result(tmp_path, [creep("a.csv", "identify", np.random.default_rng(8))], converged=False)
+    folder = make_result(tmp_path, [creep("a.csv", "identify", np.random.default_rng(8))], converged=False,
+                         warnings=["a.csv: missed by 6.59 um RMS where the noise is 4.78 um"])
     changed = read_json(folder / "calibration.json")
     for e in changed["parameters"].values():
         e["ess_bulk"] = 7777.0  # even where the file has one
@@ -195,6 +196,7 @@ def test_not_converged_says_so_and_gives_no_ess(make_result: Make, tmp_path: Pat
     assert "The sampler did not converge (max_steps reached), so every number here is provisional" in text
     assert "1.73" in text
     assert "7\u202f777" not in text
+    assert "missed by 6.59 µm RMS where the noise is 4.78 µm" in text, "in the units of the page"
     assert "ESS" not in text
 
 
