@@ -477,6 +477,12 @@ def test_options(refused, small_campaign, options, message):
     assert "bayes-dea calibrate --help" in said
 
 
+@pytest.mark.parametrize("megabytes", ["inf", "1e303"])
+def test_a_memory_that_no_machine_has(refused, small_campaign, megabytes):
+    assert "give megabytes as a number" in refused("calibrate", small_campaign, "--model", "hooke",
+                                                    "--memory", megabytes)
+
+
 def test_verb_that_is_unknown(refused):
     assert "Did you mean 'calibrate'" in refused("calibrat", "x")
 

@@ -7,7 +7,7 @@ the systematic error: an offset a recording, a gain a sensor and specimen, both 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ ZERO_READINGS = 10
 LARGEST_GAIN = 0.1
 #: longest time in s by which readings stand beside their command
 LATEST_S = 0.1
+#: no fault is as large, in its SI unit or as a factor
+_SENSELESS = 1e6
+#: share of a recording that gaps may take, laid end to end
+_MOST_MISSING = 0.9
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,9 @@ class ChannelFaults:
     gap_length_s: float = 0.5
 
     def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not abs(value) < _SENSELESS:  # nan too
+                raise InputError(f"faults of the bench: {name} is {value}; give a number that a bench can have")
         if not 0.0 <= self.noise_correlation < 1.0:
             raise InputError(f"faults of the bench: noise_correlation is {self.noise_correlation}; "
                              "give a number from 0 to below 1")
@@ -141,6 +148,10 @@ def record(true: Array, time_s: Array, sheet: SensorSheet, faults: ChannelFaults
     within the accuracy.
     """
     n = true.size
+    missing_s, lasts_s = faults.gaps * faults.gap_length_s, float(time_s[-1] - time_s[0])
+    if missing_s > _MOST_MISSING * lasts_s > 0.0:
+        raise InputError(f"faults of the bench: {faults.gaps} gaps of {faults.gap_length_s:g} s leave next to nothing "
+                         f"of a recording of {lasts_s:.3g} s; give fewer")
     sd = faults.noise_scale * sheet.fluctuation
     noise = correlated_noise(n + ZERO_READINGS, sd, faults.noise_correlation, rng)
     anywhere = float(rng.uniform(-sheet.accuracy, sheet.accuracy))

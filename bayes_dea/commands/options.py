@@ -139,9 +139,11 @@ def prior_words(prior: list[str] | None, file: Path | None) -> list[str]:
 
 
 def room(memory_MB: float, scratch: Path | None) -> ScratchSettings:
-    """What --memory and --scratch say."""
+    """What --memory and --scratch say. Raises InputError for a memory that no machine has."""
     from ..campaign.scratch import ScratchSettings
 
+    if not memory_MB * 2**20 < 2**62:  # nan too
+        raise InputError(f"--memory {memory_MB:g}: give megabytes as a number, such as 256")
     return ScratchSettings(scratch, int(memory_MB * 2**20))
 
 

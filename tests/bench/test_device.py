@@ -11,7 +11,7 @@ import pytest
 from bayes_dea.bench.device.faults import LineFaults, parse_faults
 from bayes_dea.bench.device.line import HEADER, sample_line
 from bayes_dea.bench.device.machine import DeviceSettings, Machine
-from bayes_dea.bench.device.run import address
+from bayes_dea.bench.device.run import address, serve_bench
 from bayes_dea.bench.device.serve import PtyPort, serve
 from bayes_dea.bench.device.stack import Stack
 from bayes_dea.bench.rig import Geometry, Material, Rig
@@ -143,6 +143,15 @@ def test_no_faults_by_default():
 def test_an_address_is_host_and_port(text):
     with pytest.raises(InputError, match="HOST:PORT"):
         address(text)
+
+
+@pytest.mark.parametrize(("option", "given"), [
+    ("--speed", {"speed": np.inf}), ("--speed", {"speed": np.nan}), ("--lasting", {"seconds": np.nan}),
+    ("--rate", {"rate_Hz": 1e300}), ("--rate", {"rate_Hz": 0.0}),
+])
+def test_a_device_that_cannot_be(option, given):
+    with pytest.raises(InputError, match=option):
+        serve_bench(**given)
 
 
 def test_two_seconds_of_silence_ramp_the_voltage_down(tmp_path):

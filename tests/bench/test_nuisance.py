@@ -1,5 +1,6 @@
 """Statistics of what the sensors add."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -84,10 +85,21 @@ def test_mains_dropouts_and_gaps_are_there_and_counted() -> None:
     assert np.abs(quiet).max() < 30e-6
 
 
-@pytest.mark.parametrize("wrong", [{"noise_correlation": 1.0}, {"dropout_probability": -0.1}, {"gaps": -1}])
+@pytest.mark.parametrize("wrong", [{"noise_correlation": 1.0}, {"dropout_probability": -0.1}, {"gaps": -1},
+                                   {"noise_scale": np.nan}, {"mains_amplitude": np.nan}, {"mains_amplitude": np.inf},
+                                   {"dropout_probability": np.nan}, {"gap_length_s": np.nan}, {"gaps": 10**7},
+                                   {"noise_scale": 1e300}])
 def test_impossible_faults_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):
         ChannelFaults(**wrong)
+
+
+def test_gaps_that_leave_next_to_nothing_are_refused() -> None:
+    """18 gaps of half a second are the 9 s of ten that may be missing."""
+    time_s = np.linspace(0.0, 10.0, 1001)
+    for gaps, fine in ((18, True), (19, False), (100_000, False)):
+        with nullcontext() if fine else pytest.raises(InputError, match=rf"{gaps} gaps of 0.5 s leave next to nothing"):
+            record(np.zeros(1001), time_s, LASER, ChannelFaults(gaps=gaps), 0.0, True, np.random.default_rng(1))
 
 
 @pytest.mark.parametrize("late_s", [0.4e-3, -0.4e-3])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from bayes_dea.bench.device.serve import PtyPort, TcpPort, serve
 from bayes_dea.bench.nuisance import SensorSheet
 from bayes_dea.bench.rig import Material
 from bayes_dea.errors import InputError
+
+#: a line is about 30 bytes, and no port carries more of them
+_FASTEST_HZ = 1e6
 
 
 def address(text: str) -> tuple[str, int]:
@@ -44,6 +48,12 @@ def serve_bench(
     """
     if material not in (None, "baseline", "drawn"):
         raise InputError(f"--material {material}: use baseline or drawn")
+    if not 0.0 < rate_Hz <= _FASTEST_HZ:
+        raise InputError(f"--rate {rate_Hz:g}: give samples a second, at most {_FASTEST_HZ:g}")
+    if not 0.0 <= speed < math.inf:
+        raise InputError(f"--speed {speed:g}: give zero (as fast as the host reads) or a positive number")
+    if seconds is not None and not 0.0 < seconds < math.inf:
+        raise InputError(f"--lasting {seconds:g}: give a positive number of seconds, or leave it out")
     sheet = SensorSheet(noise_scale * 4.7e-6, 19.4e-6, 0.15e-6)
     made = Material.drawn(np.random.default_rng(seed)) if material == "drawn" else Material()
     machine = Machine(DeviceSettings(rate_Hz, seed, material=made, sensor=sheet, faults=parse_faults(faults)))
