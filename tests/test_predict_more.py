@@ -36,6 +36,7 @@ def test_report_draws_the_page_of_a_prediction_again(tmp_path, monkeypatch, caps
 
 @pytest.mark.parametrize(("content", "said"), [
     (b"time_s;voltage_V\n" + b"0;1\n" * 20, "Separate its cells by commas"),
+    (b"time_s;voltage_V\n" + b"0,5;1\n" * 20, "Separate its cells by commas, with decimal points"),
     (bytes(range(256)) * 20, "binary data, not text. Write it as plain CSV"),
     (b'time_s,voltage_V\n"0,1",1\n' + b'"0,2",1\n' * 20, 'row 2, column "time_s": "0,1" is not a number. Write it as'),
     (b"time_s,voltage_V\n12:00:00,1\n12:00:01,2\n", '"12:00:00" is not a number. Write it as plain CSV'),

@@ -51,7 +51,7 @@ def check_columns(label: str, kind: str, columns: Mapping[str, NDArray[np.float6
                              f"is "
                              "damaged there. Write the number, or nan for a gap.")
     if "time_s" in columns:
-        _check_time(label, columns["time_s"], where)
+        _check_time(label, columns["time_s"], where, _like_a_time(columns))
     for name, values in columns.items():
         if _empty(values):
             raise InputError(f"{label}: column {name} holds no number at all, only gaps. Take the recording "
@@ -71,7 +71,19 @@ def first_row(test: Callable[[NDArray[np.float64]], NDArray[np.bool_]], values: 
     return None
 
 
-def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], str]) -> None:
+def _like_a_time(columns: Mapping[str, NDArray[np.float64]]) -> Callable[[], str]:
+    """A clause that names a column which rises from row to row, where time does not; looked for when called."""
+    def clause() -> str:
+        for name, values in columns.items():
+            if name != "time_s" and np.all(values[1:] > values[:-1]):
+                return (f" {name} rises in every row: are the two swapped? Then map them: columns.time_s = \"{name}\" "
+                        f'and columns.{name} = "time_s" in its [format].')
+        return ""
+
+    return clause
+
+
+def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], str], swapped: Callable[[], str]) -> None:
     gap = first_row(np.isnan, time)
     if gap is not None:
         at = gap
@@ -87,8 +99,9 @@ def _check_time(label: str, time: NDArray[np.float64], where: Callable[[int], st
     if now == before:
         digits = ("The times have too few digits: write more of them." if stuck.size > time.size // 100
                   else "Delete the repeated row, or write its time with more digits.")
-        raise InputError(f"{label}, {where(at)}: time_s repeats {now:.12g} s of the row before.{others} "
-                         f"{digits}")
+        raise InputError(f"{label}, {where(at)}: time_s repeats {now:.12g} s of the row before.{others}"
+                         f"{swapped() or ' ' + digits}")
     raise InputError(f"{label}, {where(at)}: time_s runs backwards, {now:.12g} s after {before:.12g} "
-                     f"s.{others} If two recordings were joined, split the file there; otherwise sort or "
-                     "delete the rows.")
+                     f"s.{others}"
+                     + (swapped() or " If two recordings were joined, split the file there; otherwise sort or delete "
+                        "the rows."))

@@ -8,6 +8,7 @@ import math
 import re
 from array import array
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -90,6 +91,7 @@ class CsvSource:
                          "or take it out of campaign.toml.")
 
     def _finish(self, names: list[str], width: int) -> tuple[str, ...]:
+        self._named = len(names)
         self._undecodable = any(_has_surrogate(n) for n in names)
         # rows often end with a delimiter that the header lacks
         return tuple(names + [f"column {i + 1}" for i in range(len(names), width)])
@@ -146,16 +148,28 @@ class CsvSource:
             return (f"The header is not {self.fmt.encoding}: set encoding in its [format], e.g. \"latin-1\" "
                     "or "
                     '"gbk".')
-        if len(self.names) == 1:
-            for mark, name in ((";", ";"), ("\t", "tab"), (",", ","), ("|", "|")):
-                if mark in self.names[0] and mark != self.fmt.delimiter:
-                    return f'The header looks separated otherwise: set delimiter = "{name}" in its [format].'
+        header = ("," if self.fmt.delimiter == "whitespace" else self.fmt.delimiter).join(self.names[: self._named])
+        for mark, name in ((";", ";"), ("\t", "tab"), (",", ","), ("|", "|")):
+            held = column.name in [cell.strip() for cell in header.split(mark)]
+            if mark in header and mark != self.fmt.delimiter and (held or self._named == 1):
+                return (f'The header looks separated otherwise: set delimiter = "{name}"{self._decimal_hint(mark)} in '
+                        "its [format].")
+        if self._named == 1:
             if len(self.names[0].split()) > 1 and self.fmt.delimiter != "whitespace":
                 return 'The header looks separated by spaces: set delimiter = "whitespace" in its [format].'
         if all(_is_number(n, self.fmt.decimal) for n in self.names):
             return ("The first row holds numbers, so the file seems to have no header: set header = false in "
                     "its [format] and give the columns by number, e.g. columns.time_s = { index = 1 }.")
         return ""
+
+    def _decimal_hint(self, mark: str) -> str:
+        """What to add where the first row of numbers, separated by `mark`, has decimal commas."""
+        with self._lines() as lines:
+            row = next((line for line in islice(lines, self.data_line - 1, self.data_line)), "")
+        cells = [cell.strip() for cell in row.split(mark)]
+        comma = self.fmt.decimal == "." and mark != "," and any(
+            "," in cell and to_float(cell, ",") is not None for cell in cells)
+        return ' and decimal = ","' if comma else ""
 
     def read(self, columns: Sequence[ColumnMap]) -> Table:
         """The columns as float64, nan where a cell is empty or nan.
@@ -367,10 +381,23 @@ def _physical(lines: IO[str], label: str) -> Iterator[str]:
     """Lines of the header region; refuses what is no text at all."""
     for i, line in enumerate(lines):
         if i < 3 and "\0" in line:
+            wide = _wide(line)
+            if wide:
+                raise InputError(f'{label}: the file looks like {wide.upper()} (every other byte is zero). Set encoding '
+                                 f'= "{wide}" in its [format].')
             raise InputError(f"{label}: the file holds binary data, not text. If it is a .mat, HDF5 or "
                              "Parquet file, say so: type = "
                              '"mat", "hdf5" or "parquet" in its [format].')
         yield line
+
+
+def _wide(line: str) -> str:
+    """The encoding of 16 bits by which the first characters of a line are ASCII and zeros in turn, or ""."""
+    first = line[:20]
+    for encoding, zeros, texts in (("utf-16-le", first[1::2], first[0::2]), ("utf-16-be", first[0::2], first[1::2])):
+        if len(first) >= 4 and not zeros.strip("\0") and "\0" not in texts:
+            return encoding
+    return ""
 
 
 def _has_surrogate(text: str) -> bool:

@@ -88,8 +88,10 @@ def read_signal(
             source = open_source(path, FormatMap(), label)
             found = next((c for c in wanted if source.has(ColumnMap(name=c))), None)
             if found is None:
-                marked = len(source.names) == 1 and any(mark in source.names[0] for mark in ";\t|")
-                remedy = "Separate its cells by commas" if marked else "Rename its columns; values are in SI units"
+                # rows with decimal commas are wider than such a header, and the reader makes up names for the rest
+                marked = any(mark in name for name in source.names for mark in ";\t|")
+                remedy = ("Separate its cells by commas, with decimal points in numbers" if marked else
+                          "Rename its columns; values are in SI units")
                 raise InputError(
                     f"{label}: needs the columns time_s and {' or '.join(wanted)} for {option}; it has "
                     f"{', '.join(source.names[:30])}. {remedy}"

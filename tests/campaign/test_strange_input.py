@@ -175,6 +175,44 @@ def test_a_dead_sensor_is_refused(campaign):
     assert "is the sensor connected?" in said
 
 
+def applied(campaign, said):
+    """The recording as read with what a message says to set in [format]."""
+    settings = re.findall(r'((?:delimiter|decimal|encoding|columns\.\w+) = "[^"]*")', said)
+    toml = campaign / "campaign.toml"
+    entry = f'file = "{CREEP}"'
+    toml.write_text(toml.read_text().replace(entry, "\n".join([entry, *(f"format.{s}" for s in settings)])))
+    return bd.load_campaign(campaign).recordings[0]
+
+
+@pytest.mark.parametrize("decimal_comma", [True, False])
+def test_semicolons_and_decimal_commas_are_seen_together(campaign, decimal_comma):
+    """A header of one name for us, and rows of more cells than that."""
+    before = bd.load_campaign(campaign).recordings[0]
+    change(campaign, lambda b: b.replace(b",", b";").replace(b".", b"," if decimal_comma else b"."))
+    said = refused(campaign)
+    remedy = 'set delimiter = ";"' + (' and decimal = ","' if decimal_comma else "") + " in its [format]"
+    assert remedy in said
+    assert np.array_equal(applied(campaign, said).columns["displacement_m"], before.columns["displacement_m"])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_utf16_without_a_mark_is_seen(campaign, encoding):
+    before = bd.load_campaign(campaign).recordings[0]
+    change(campaign, lambda b: b.decode().encode(encoding))
+    said = refused(campaign)
+    assert f'Set encoding = "{encoding}" in its [format]' in said
+    assert np.array_equal(applied(campaign, said).columns["displacement_m"], before.columns["displacement_m"])
+
+
+def test_time_and_voltage_that_are_swapped(campaign):
+    before = bd.load_campaign(campaign).recordings[0]
+    cells(campaign, lambda i, c: f"{c[1]},{c[0]},{c[2]}")
+    said = refused(campaign)
+    assert "voltage_V rises in every row: are the two swapped?" in said
+    assert "too few digits" not in said
+    assert np.array_equal(applied(campaign, said).columns["voltage_V"], before.columns["voltage_V"])
+
+
 def test_a_slip_in_one_cell(campaign):
     cells(campaign, lambda i, c: f"{c[0]},{'1e6' if i == 700 else c[1]},{c[2]}")
     assert f"{CREEP}, row 702: voltage_V reaches 1e+06 V" in refused(campaign)
