@@ -154,9 +154,8 @@ class CsvSource:
             if mark in header and mark != self.fmt.delimiter and (held or self._named == 1):
                 return (f'The header looks separated otherwise: set delimiter = "{name}"{self._decimal_hint(mark)} in '
                         "its [format].")
-        if self._named == 1:
-            if len(self.names[0].split()) > 1 and self.fmt.delimiter != "whitespace":
-                return 'The header looks separated by spaces: set delimiter = "whitespace" in its [format].'
+        if self._named == 1 and len(self.names[0].split()) > 1 and self.fmt.delimiter != "whitespace":
+            return 'The header looks separated by spaces: set delimiter = "whitespace" in its [format].'
         if all(_is_number(n, self.fmt.decimal) for n in self.names):
             return ("The first row holds numbers, so the file seems to have no header: set header = false in "
                     "its [format] and give the columns by number, e.g. columns.time_s = { index = 1 }.")
@@ -383,8 +382,8 @@ def _physical(lines: IO[str], label: str) -> Iterator[str]:
         if i < 3 and "\0" in line:
             wide = _wide(line)
             if wide:
-                raise InputError(f'{label}: the file looks like {wide.upper()} (every other byte is zero). Set encoding '
-                                 f'= "{wide}" in its [format].')
+                raise InputError(f'{label}: the file looks like {wide.upper()} (every other byte is zero). Set '
+                                 f'encoding = "{wide}" in its [format].')
             raise InputError(f"{label}: the file holds binary data, not text. If it is a .mat, HDF5 or "
                              "Parquet file, say so: type = "
                              '"mat", "hdf5" or "parquet" in its [format].')
