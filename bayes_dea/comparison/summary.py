@@ -66,6 +66,7 @@ def summarise(
         "recordings": recordings,
         "notes": [*data.notes, *notes_of(entries)],
         "version": __version__,
+        "conventions": dict(data.campaign.conventions),
         "inputs": [dict(i) for i in data.campaign.inputs],
         "warnings": [],
     }

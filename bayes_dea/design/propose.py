@@ -296,6 +296,7 @@ def _summary(
         "costs": asdict(s.costs),
         "seed": seed,
         "version": __version__,
+        "conventions": dict(campaign.conventions),
         "inputs": [dict(i) for i in campaign.inputs],
         "warnings": [],
     }

@@ -114,6 +114,7 @@ def summarise(
         "not_visible": sorted(n for n in naming.weighed if "+" not in n and n not in naming.visible),
         "seed": seed,
         "version": __version__,
+        "conventions": dict(campaign.conventions),
         "inputs": campaign.inputs,
         "warnings": list(assembled.warnings),
     }

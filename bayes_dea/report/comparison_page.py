@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..results import read_json
 from .own_page import REPORT_FILE, write_page
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, Report, drawn, looks, new_figure, picture
+from .tables import convention_rows
 from .templating import environment
 
 _TEMPLATE = "comparison.html.j2"
@@ -42,6 +43,7 @@ def write_comparison_page(folder: Path, report: Report | None = None) -> Path:
     html = environment().get_template(_TEMPLATE).render(
         s=summary,
         p=pictures,
+        conventions=convention_rows(summary),
         rows=[_row(e, ranking[0]) for e in ranking],
         partners=[_partner(p) for p in summary["partners"]],
         pairs=[_pair(p) for p in summary["pairs"][:12]],

@@ -18,7 +18,7 @@ from ..results import not_said, read_json
 from . import digits
 from .own_page import REPORT_FILE, write_page
 from .style import BLACK, BLUE, GREY, ORANGE, VERMILLION, Picture, looks, new_figure, picture, set_log_x
-from .tables import origin_of
+from .tables import convention_rows, origin_of
 from .templating import environment
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
         command=shlex.join(summary.get("command", [])) or None,
         held=_held_rows(summary),
         by=_by_rows(summary),
+        conventions=convention_rows(summary),
     )
     return write_page(folder / REPORT_FILE, "diagnosis", html)
 
@@ -123,7 +124,7 @@ def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
         out.append(
             {
                 "name": h["name"],
-                "probability": f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}" if p >= 1e-99 else "< 1e-99",
+                "probability": _probability(p),
                 "evidence": "–"
                 if h["log_evidence"] is None
                 else f"{h['log_evidence']:.1f} ± {h['log_evidence_se']:.1f}",
@@ -131,6 +132,10 @@ def _rows(summary: dict[str, Any]) -> list[dict[str, str]]:
             }
         )
     return out
+
+
+def _probability(p: float) -> str:
+    return f"{100 * p:.2f} %" if p >= 1e-4 else f"{p:.1e}" if p >= 1e-99 else "< 1e-99"
 
 
 def _sized(value: float | None, scale: float, unit: str) -> str:
@@ -155,20 +160,43 @@ def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def _by_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """What samples have in common, and the largest deviations of such sets in words."""
     words = {
-        "frequency_Hz": "frequency : harmonic",
-        "voltage_V": "voltage (V)",
-        "time_since_edge_s": "after an edge (s)",
-        "direction": "direction",
-        "repetition": "repetition",
-        "recording": "recording",
+        "frequency_Hz": "a harmonic of the drive",
+        "voltage_V": "a voltage",
+        "time_since_edge_s": "a time after edges",
+        "direction": "a direction of the input",
+        "repetition": "a period of a wave",
+        "recording": "a recording: the largest of all its sets and stretches",
     }
     out = []
     for key, table in summary["mismatch"]["by"].items():
         best = sorted(table.items(), key=lambda kv: -kv[1])[:4]
         if best:
-            out.append((words.get(key, key), ", ".join(f"{k}: {v:.1f}" for k, v in best)))
+            out.append((words.get(key, key), ", ".join(f"{_set_in_words(key, k)}: {v:.1f}" for k, v in best)))
     return out
+
+
+def _set_in_words(kind: str, key: str) -> str:
+    """A key of "by" in diagnosis.json: ``1:4`` of frequencies is the 4th harmonic of 1 Hz, ``rise:0.003`` of edges what
+    comes from 0.003 s after rising ones on."""
+    first, _, second = key.partition(":")
+    if kind == "frequency_Hz" and second.isdigit():
+        return f"{first} Hz itself" if second == "1" else f"{_ordinal(int(second))} harmonic of {first} Hz"
+    if kind == "time_since_edge_s" and second:
+        return f"from {second} s after {'rising' if first == 'rise' else 'falling'} edges"
+    if kind == "voltage_V":
+        return f"around {key} V"
+    if kind == "direction":
+        return {"up": "rising", "down": "falling"}.get(key, key)
+    if kind == "repetition" and key.isdigit():
+        return f"the {_ordinal(int(key))}"
+    return key
+
+
+def _ordinal(number: int) -> str:
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _probabilities(summary: dict[str, Any]) -> Picture:
@@ -181,7 +209,7 @@ def _probabilities(summary: dict[str, Any]) -> Picture:
     ax.barh(y, np.maximum(p, 1e-6), color=colours, height=0.62)
     ax.set_yticks(y, [_short(h["name"], 46) for h in rows])
     for k, v in zip(y, p, strict=True):
-        ax.text(min(v * 1.15, 1.6), float(k), f"{100 * v:.3g} %", va="center", fontsize=8)
+        ax.text(min(v * 1.15, 1.6), float(k), _probability(v), va="center", fontsize=8)
     set_log_x(ax, 1e-6, 8.0)
     ax.set_xlabel("probability")
     figure.tight_layout()

@@ -28,6 +28,7 @@ from .style import (
     picture,
     set_log_x,
 )
+from .tables import convention_rows
 from .templating import environment
 
 _TEMPLATE = "next.html.j2"
@@ -65,6 +66,7 @@ def write_next_page(folder: Path, report: Report | None = None) -> Path:
     html = environment().get_template(_TEMPLATE).render(
         s=s,
         p=pictures,
+        conventions=convention_rows(s),
         rows=[_row(e) for e in _for_table(ranking)],
         plan=[_row(e) for e in planned],
         total=f"{s['plan']['expected_information_gain_nats']:.2f}",

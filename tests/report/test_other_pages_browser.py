@@ -72,7 +72,8 @@ def diagnosis(folder: Path, verdict: str = "series_resistance", recordings: int 
             "where": [{"recording": LONG, "t_start_s": 4.0, "t_end_s": 4.3, "what": "rising edges", "excess": 41.2}]
             if found else [],
             "by": {"recording": {n: 41.2 for n in names}, "voltage_V": {"1000": 12.3, "500": 2.0},
-                   "time_since_edge_s": {"rise:0.01": 22.0}, "direction": {"up": 3.0}, "frequency_Hz": {}},
+                   "time_since_edge_s": {"rise:0.01": 22.0}, "direction": {"up": 3.0},
+                   "frequency_Hz": {"10:1": 9.0, "10:3": 2.0, "0.5:2": 1.0}, "repetition": {"11": 1.5}},
         },
         "hypotheses": [
             {"name": n, "probability": p, "log_evidence": -123.4, "log_evidence_se": 0.2,
@@ -84,7 +85,8 @@ def diagnosis(folder: Path, verdict: str = "series_resistance", recordings: int 
             {"recording": n, "rmse_before_m": b, "rmse_after_m": 4.8e-6, "noise_m": 4.7e-6, "elpd_before": 0.0,
              "elpd_after": 2561.5} for n, b in ((LONG, 1.9e-5), ("rectangle_10Hz.csv", 1.2e-5))]},
         "next_experiment": {"why": "halves the interval of R_s_ohm", "recording": {"kind": "rectangle"}},
-        "seconds": 41.0, "seed": 1, "version": "0.1.0", "inputs": [], "warnings": ["x" * 300, "to be acted on " * 20],
+        "seconds": 41.0, "seed": 1, "version": "0.1.0", "inputs": [],
+        "conventions": {"hold": "start", "plausibility": "error"}, "warnings": ["x" * 300, "to be acted on " * 20],
         "meta": {"origin": "virtual bench of bayes-dea, simulated, not measured"},
         "command": ["bayes-dea", "diagnose", "campaigns/" + "long_name_" * 12, "--model", "hooke+gm3"],
     }  # fmt: skip
@@ -142,6 +144,26 @@ def test_the_print(pages: dict[str, Path], name: str, tmp_path: Path, open_page:
         ink = np.frombuffer(pixels, np.uint8).reshape(rows, columns) < 200
         assert ink.mean() > (0.002 if k + 1 == count else 0.01), f"sheet {k + 1} is all but empty"
         assert not ink[:, -8:].any(), f"sheet {k + 1} is cut off"
+
+
+def test_a_diagnosis_says_what_its_numbers_are(tmp_path: Path) -> None:
+    text = diagnosis(tmp_path).read_text(encoding="utf-8")
+    for said in ("rising: 3.0", "from 0.01 s after rising edges: 22.0", "around 1000 V: 12.3", "the 11th: 1.5",
+                 "10 Hz itself: 9.0, 3rd harmonic of 10 Hz: 2.0, 2nd harmonic of 0.5 Hz: 1.0",
+                 "may be larger than that of any single stretch below", "deviation of this stretch (sd)",
+                 "The confidence is how often verdicts of such a probability were right on simulated campaigns"):
+        assert said in text
+    assert "rise:" not in text
+    assert re.search(r"97\.00 %</text>|97\.00 %</td>", text)
+    assert "Conventions by which the recordings were read" in text
+    assert "start: " in text
+
+
+def test_a_probability_is_one_number_in_table_and_picture() -> None:
+    from bayes_dea.report.diagnosis_page import _probability
+
+    assert [_probability(p) for p in (0.99968, 0.02, 3e-4, 3.2e-5, 1e-120)] == [
+        "99.97 %", "2.00 %", "0.03 %", "3.2e-05", "< 1e-99"]
 
 
 def test_a_diagnosis_that_finds_nothing_shows_no_correction(tmp_path: Path, open_page: Open) -> None:
