@@ -531,9 +531,9 @@ def _notes(
         # a recording's own offset and gain can swallow what the model misses; then they are larger than the sensor's
         for what, value, sd in (("offset", p.offset, p.offset_prior_sd), ("gain", p.gain, p.gain_prior_sd)):
             if sd > 0 and abs(value) > 4 * sd:
-                found, allowed = (_in_words(x, p.channel) if what == "offset" else f"{x:.3g}" for x in (value, sd))
+                came, allowed = (_in_words(x, p.channel) if what == "offset" else f"{x:.3g}" for x in (value, sd))
                 out.append(
-                    f"{p.name}: its own {what} came out at {found}, {abs(value) / sd:.0f} times what the sensor's "
+                    f"{p.name}: its own {what} came out at {came}, {abs(value) / sd:.0f} times what the sensor's "
                     f"stated accuracy allows ({allowed}): the {what} stands in for something that is left out, or the "
                     "statement is wrong."
                 )

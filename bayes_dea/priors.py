@@ -146,6 +146,7 @@ class Parameter:
     label: str = ""
     source: str = ""
     ordered: str | None = None  # members of one group fall in the order in which they are listed
+    signed: bool = False  # whether negative values have a meaning too, where its prior is of a log family
 
     @property
     def fixed(self) -> bool:
@@ -405,7 +406,7 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
     family = table.get("prior")
     if not isinstance(family, str) or family not in FAMILIES:
         raise InputError(f"{where}: [parameters.{name}] prior = {family!r} is unknown; one of {', '.join(FAMILIES)}")
-    known = ("prior", *FAMILIES[family], *_REQUIRED, *_OPTIONAL)
+    known = ("prior", *FAMILIES[family], *_REQUIRED, *_OPTIONAL, "signed")
     for key in table:
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
@@ -422,6 +423,8 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
     for key in _REQUIRED:
         if not isinstance(table.get(key), str):
             raise InputError(f"{where}: [parameters.{name}] lacks '{key}' (a text)")
+    if not isinstance(table.get("signed", False), bool):
+        raise InputError(f"{where}: [parameters.{name}] signed = {table['signed']!r} must be true or false")
     for key in _OPTIONAL:
         if not isinstance(table.get(key, ""), str):
             raise InputError(f"{where}: [parameters.{name}] {key} = {table[key]!r} must be a text")
@@ -429,7 +432,8 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
         prior = Prior(family, numbers[0], [*numbers, 0.0][1], table.get("relative_to"))
     except InputError as error:
         raise InputError(f"{where}: [parameters.{name}] {error}") from None
-    return Parameter(name, table["unit"], prior, table.get("label", name), table["source"], table.get("ordered"))
+    return Parameter(name, table["unit"], prior, table.get("label", name), table["source"], table.get("ordered"),
+                     table.get("signed", False))
 
 
 def read_prior_file(path: Path) -> dict[str, Parameter]:
@@ -478,7 +482,7 @@ def parse_override(text: str) -> tuple[str, Prior]:
 
 def _check_domain(p: Parameter, prior: Prior, parameters: Sequence[Parameter]) -> None:
     """Raises InputError for a prior whose whole mass lies where `p` has no meaning, or far from all that is known."""
-    if p.prior.is_log:  # what the prior files give a log family is positive
+    if p.prior.is_log and not p.signed:  # what the prior files give a log family is positive
         if prior.family == "fixed" and prior.a <= 0:
             raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
         if not prior.is_log and prior.family != "fixed" and float(prior.cdf(np.zeros(1))[0]) > _ALL_OF_IT:

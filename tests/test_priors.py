@@ -12,6 +12,7 @@ from scipy.integrate import dblquad
 
 from bayes_dea.commands.options import overrides
 from bayes_dea.errors import InputError
+from bayes_dea.gauss_newton.laws import VARIANTS
 from bayes_dea.models.model import build_model
 from bayes_dea.priors import (
     FAMILIES,
@@ -441,6 +442,14 @@ def test_a_prior_without_positive_numbers_is_refused_where_they_must_be(prior):
 @pytest.mark.parametrize("prior", [Prior("normal", 0.0, 1e6), Prior("normal", 1e6, 1e5), Prior("uniform", -1.0, 2e6)])
 def test_a_prior_with_positive_numbers_is_taken(prior):
     assert build_model("hooke+gm1", {"Y_Pa": prior}).parameters[0].prior == prior
+
+
+def test_a_clock_may_be_ahead():
+    """The further laws that a diagnosis tries of its own, negative ones among them, are all taken."""
+    for effect, law in VARIANTS.items():
+        found = {p.name: p.prior for p in build_model(f"hooke+gm1+{effect}", law).parameters}
+        assert {name: found[name] for name in law} == law
+    assert build_model("hooke+gm1+acquisition_delay", {"T_d_s": Prior("fixed", -0.01)}).spec.effects
 
 
 def test_a_prior_far_from_all_that_is_known_names_its_parameter():

@@ -366,7 +366,7 @@ def discrete_state_space(values: Mapping[str, NDArray], step: float = STATE_SPAC
 def _with_name(
     p: Parameter, name: str, prior: Prior | None = None, label: str | None = None, ordered: str | None = None
 ) -> Parameter:
-    return Parameter(name, p.unit, prior or p.prior, label or p.label, p.source, ordered)
+    return Parameter(name, p.unit, prior or p.prior, label or p.label, p.source, ordered, p.signed)
 
 
 def default_parameters(spec: Spec) -> tuple[Parameter, ...]:
