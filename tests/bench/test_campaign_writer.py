@@ -229,7 +229,8 @@ def test_the_bench_imports_nothing_it_should_contradict(name: str) -> None:
 def test_a_run_of_the_bench_loads_nothing_it_should_contradict(tmp_path: Path) -> None:
     code = ("import sys; from bayes_dea.bench.run import run_bench; run_bench(sys.argv[1], 'small');"
             "print([m for m in sys.modules if m.startswith('bayes_dea.') and not m.startswith("
-            "('bayes_dea.bench', 'bayes_dea.compiled', 'bayes_dea.errors', 'bayes_dea.results'))])")
+            "('bayes_dea.bench', 'bayes_dea.compiled', 'bayes_dea.errors', 'bayes_dea.results', "
+            "'bayes_dea.toml_text'))])")
     run = subprocess.run([sys.executable, "-c", code, str(tmp_path / "c")], capture_output=True, text=True,
                          env=os.environ, check=True, timeout=120)
     assert run.stdout.strip() == "[]"

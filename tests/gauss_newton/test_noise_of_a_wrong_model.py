@@ -5,6 +5,7 @@ import pytest
 from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.search.known import SLIGHT
 
 
 @pytest.fixture(scope="module")
@@ -22,10 +23,13 @@ def test_it_ends_in_a_corner_of_its_bounds(wrong):
 
 
 def test_descents_from_elsewhere_end_with_it(wrong):
-    """Of 97,000 nats; one step after the noise had grown left 25 of them, and rivals are compared by less."""
+    """Of 97,000 nats, but for less than what is no lead; one step after the noise had grown left 25 of them."""
     fit, prior = wrong
     sd = np.sqrt(np.diag(fit.covariance))
     rng = np.random.default_rng(3)
-    ends = [refit(fit.problem, fit.q + 3.0 * sd * rng.standard_normal(sd.size), prior.start(), prior) for _ in range(6)]
-    assert max(end.objective for end in ends) < fit.objective + 1.0
-    assert min(end.objective for end in ends) > fit.objective - 1.0
+    begun = [fit.q + 3.0 * sd * rng.standard_normal(sd.size) for _ in range(8)]
+    # a start may be so soft that the layers give way: it has no answer
+    ends = [end for q in begun if (end := refit(fit.problem, q, prior.start(), prior)) is not None]
+    assert len(ends) >= 6
+    assert max(end.objective for end in ends) < fit.objective + SLIGHT
+    assert min(end.objective for end in ends) > fit.objective - SLIGHT
