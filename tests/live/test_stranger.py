@@ -212,11 +212,14 @@ def test_a_run_whose_device_is_gone_says_that_its_voltage_may_be_on(toml, tmp_pa
     """Cut off under voltage: this device ramps nothing down by itself, so who reads the last line has to know."""
     master, slave = os.openpty()
     tty.setraw(slave)
+    port = tmp_path / "port"  # a terminal's own name is given to the next one that anybody opens
+    port.symlink_to(os.ttyname(slave))
 
     def talk():
         for i in range(300):
             os.write(master, f"{0.005 * i:.3f},0,{1e-6 * (i % 7):.7f}\n".encode())
             time.sleep(0.004)
+        port.unlink()
         os.close(master)
 
     thread = threading.Thread(target=talk, daemon=True)
@@ -225,11 +228,10 @@ def test_a_run_whose_device_is_gone_says_that_its_voltage_may_be_on(toml, tmp_pa
     command.write_text("time_s,voltage_V\n0,0\n0.5,600\n60,0\n")
     other = written(tmp_path, '[device]\norder = ["time_s", "voltage_V", "displacement_m"]\n'
                     'volts = "SET {volts:.1f}"\n')
-    name = os.ttyname(slave)
     os.close(slave)
     try:
         with pytest.raises(BayesDEAError, match=r"'SET 0\.0' at the end: the voltage may still be on"):
-            follow(name, toml, tmp_path / "out", play=None, command=command, device=other, patience_s=1.0)
+            follow(str(port), toml, tmp_path / "out", play=None, command=command, device=other, patience_s=1.0)
     finally:
         thread.join(timeout=5)
     kept = json.loads((tmp_path / "out" / "live.json").read_text())
