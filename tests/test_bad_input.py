@@ -496,6 +496,15 @@ def test_out_that_is_a_file(small_campaign, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "taken").read_text() == "a file"
 
 
+def test_out_that_cannot_be_made_leaves_no_folder_above_it(small_campaign, tmp_path, monkeypatch, capsys):
+    (tmp_path / "there").mkdir()
+    monkeypatch.setattr(sys, "argv", ["bayes-dea", "calibrate", str(small_campaign), "--model", "hooke", "--out",
+                                      str(tmp_path / "there" / "a" / "b" / ("x" * 300))])
+    assert cli._run() == 2
+    assert "cannot be made: File name too long" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.rglob("*")] == ["there"]
+
+
 @pytest.fixture
 def locked(tmp_path):
     """A folder that may be read and not written to, by whoever runs the tests."""

@@ -152,15 +152,15 @@ def writing(folder: Path) -> Iterator[None]:
     """The folder, tried now and kept from other runs until the work is done. Raises as `writable` and `locked` do."""
     from ..run_state import locked
 
-    made = not folder.exists()
-    writable(folder)
+    made = [p for p in (folder, *folder.parents) if not os.path.exists(p)]  # a name may be too long to ask for itself
     try:
+        writable(folder)
         with locked(folder, " ".join(["bayes-dea", *sys.argv[1:2]])):
             yield
     finally:
-        if made:  # for nothing, as it turned out
+        for empty in made:  # for nothing, as it turned out
             with contextlib.suppress(OSError):
-                folder.rmdir()
+                empty.rmdir()
 
 
 def writable(folder: Path) -> None:
