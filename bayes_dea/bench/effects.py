@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_dea.errors import InputError
-from bayes_dea.toml_text import parse_toml
 
 Parameters = Mapping[str, float]
 Effects = Mapping[str, Parameters]
@@ -199,7 +198,8 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
 def read_effects(path: Path) -> dict[str, dict[str, float]]:
     """Effects of a TOML file, a table each ([series_resistance] R_s_ohm = 1.5e5); InputError where it is not that."""
     try:
-        table = parse_toml(path.read_text(encoding="utf-8"), f"--effects {path}")
+        with path.open("rb") as file:
+            table = tomllib.load(file)
     except OSError as error:
         raise InputError(f"--effects {path}: cannot be read ({error.strerror}); give a TOML file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

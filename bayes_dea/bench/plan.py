@@ -22,7 +22,6 @@ from bayes_dea.bench.protocols import (
 )
 from bayes_dea.bench.rig import Geometry, Material, check_positive
 from bayes_dea.errors import InputError
-from bayes_dea.toml_text import parse_toml
 
 ROLES = ("identify", "validate")
 
@@ -238,7 +237,8 @@ def plan_from_dict(table: Mapping[str, Any], where: str = "bench plan") -> Campa
 def read_plan(path: Path) -> CampaignPlan:
     """The plan in a TOML file; InputError where it is not there or not a plan."""
     try:
-        table = parse_toml(path.read_text(encoding="utf-8"), str(path))
+        with path.open("rb") as file:
+            table = tomllib.load(file)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a preset or a plan file") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
