@@ -212,9 +212,8 @@ def test_plates_reach_the_strain_that_was_asked() -> None:
 
 @pytest.mark.parametrize("name", OWN)
 def test_the_bench_imports_nothing_it_should_contradict(name: str) -> None:
-    # results: files that appear whole or not at all; compiled: how long compiled code is kept; toml_text: what a file
-    # of numbers says; none knows of models
-    allowed = {"bayes_dea", *(f"bayes_dea.{n}" for n in ("compiled", "errors", "results", "toml_text"))}
+    # results: files that appear whole or not at all; compiled: how long compiled code is kept; neither knows of models
+    allowed = {"bayes_dea", *(f"bayes_dea.{n}" for n in ("compiled", "errors", "results"))}
     allowed |= {f"bayes_dea.bench.{n}" for n in OWN}
     for node in ast.walk(ast.parse((BENCH / f"{name}.py").read_text(encoding="utf-8"))):
         modules = [a.name for a in node.names] if isinstance(node, ast.Import) else []
@@ -229,8 +228,7 @@ def test_the_bench_imports_nothing_it_should_contradict(name: str) -> None:
 def test_a_run_of_the_bench_loads_nothing_it_should_contradict(tmp_path: Path) -> None:
     code = ("import sys; from bayes_dea.bench.run import run_bench; run_bench(sys.argv[1], 'small');"
             "print([m for m in sys.modules if m.startswith('bayes_dea.') and not m.startswith("
-            "('bayes_dea.bench', 'bayes_dea.compiled', 'bayes_dea.errors', 'bayes_dea.results', "
-            "'bayes_dea.toml_text'))])")
+            "('bayes_dea.bench', 'bayes_dea.compiled', 'bayes_dea.errors', 'bayes_dea.results'))])")
     run = subprocess.run([sys.executable, "-c", code, str(tmp_path / "c")], capture_output=True, text=True,
                          env=os.environ, check=True, timeout=120)
     assert run.stdout.strip() == "[]"
