@@ -141,6 +141,7 @@ def _at_its_end(naming: Naming) -> str:
 
 def _with_shift(name: str, delay_s: float | None) -> str:
     """An explanation by its name, and the shift of the readings that it needs."""
+    name = "something that is on no list" if name == UNKNOWN else name
     if delay_s is None:
         return name
     how = "early" if delay_s < 0.0 else "late"
