@@ -162,10 +162,13 @@ class Journal:
 
 
 def set_aside(folder: Path) -> Path | None:
-    """Move a run's files into `folder`/before_N: samples are measurements, and nothing deletes them. None: no run."""
+    """Move a run's files into `folder`/before_N: samples are measurements, and nothing deletes them. None: no run.
+
+    Lines that could not be read are a run, too: a new one would count them as its own.
+    """
     found = [p for pattern in ("session_*.csv", "campaign.toml", BAD_FILE, "live.json", "posterior.nc")
              for p in sorted(folder.glob(pattern))]
-    if not any(p.name.startswith("session_") for p in found):
+    if not any(p.name.startswith("session_") or p.name == BAD_FILE for p in found):
         return None
     number = 1
     while (folder / f"before_{number}").exists():

@@ -148,6 +148,19 @@ def test_idle_time_is_that_since_the_last_sample(bench, tmp_path):
     journal.close()
 
 
+def test_lines_of_a_run_without_a_session_are_not_counted_by_the_next(bench, tmp_path):
+    """Where not one line could be read there is no session, and 509 bad lines were those of the run before."""
+    (tmp_path / BAD_FILE).write_text("# since then\n1 2 3\n4 5 6\n")
+    before = Journal(tmp_path, bench)
+    before.recover()
+    assert before.bad_lines == 2
+    assert set_aside(tmp_path) == tmp_path / "before_1"
+    anew = Journal(tmp_path, bench)
+    anew.recover()
+    assert anew.bad_lines == 0
+    assert (tmp_path / "before_1" / BAD_FILE).read_text().endswith("4 5 6\n")
+
+
 def test_a_run_begun_anew_deletes_no_measurement(bench, tmp_path):
     out = tmp_path / "out"
     assert set_aside(out) is None
