@@ -158,8 +158,10 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None, clean=[None] * 4, slopes=[None] * 4)
     assert told(reread.odd_one_out(fit, None, None, tell)) == [0, 0.25, 0.5, 0.75]
     assert told(prove.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
-    actuator = Actuator(max_voltage_V=1000.0, max_frequency_Hz=10.0)
+    actuator = Actuator(layers=399, layer_thickness_m=25e-6, relative_permittivity=2.8, electrode_area_m2=7.56e-5,
+                        total_area_m2=1.145e-4, max_voltage_V=1000.0, max_frequency_Hz=10.0)
     n = len(ask.menu(actuator))
+    assert n > 5
     assert told(ask.next_experiment([fit, fit], ["a", "b"], actuator, tell)) == [k / n for k in range(n)]
     voltage = SimpleNamespace(nodes=1, recording=SimpleNamespace(hold="end"))
     monkeypatch.setattr(reread, "with_hold", lambda piece, hold: piece)

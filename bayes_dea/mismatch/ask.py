@@ -181,6 +181,8 @@ def next_experiment(
         tell(k, len(proposals), p.name)
         nats = separation(fits[0], fits[1], p, actuator, scatter)
         scored.append((nats * 3600.0 / cost_s(p), nats, p))
+    if not scored:
+        return {"why": "the geometry under [actuator] allows no experiment of the menu", "recording": {}}
     _, nats, p = max(scored, key=lambda s: s[0])
     if nats < _NOTHING:
         return {"why": f"no experiment of the menu tells {names[0]} from {names[1]} (less than {_NOTHING:.1g} nats)",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bench_campaigns import ACTUATOR
 
+from bayes_dea.campaign.schema import Actuator
 from bayes_dea.experiments.limits import limits_of_actuator
 from bayes_dea.experiments.menu import Experiment
 from bayes_dea.experiments.menu import menu as experiments
@@ -124,3 +125,8 @@ def test_what_trades_without_end_is_sharpened_to_a_number(monkeypatch):
     told = sharpening_experiment(known, range(known.q.size), ACTUATOR)
     assert 1.0 < told["expected_information_nats"] < 100.0
     assert 0.0 < float(told["why"].split(" to ")[1].split()[0]) < 1.0
+
+
+def test_where_the_geometry_allows_no_experiment_that_is_said():
+    two = [fit(), fit("series_resistance", R_s_ohm=1e5)]
+    assert next_experiment(two, ["none", "series_resistance"], Actuator())["recording"] == {}

@@ -158,7 +158,7 @@ def test_report_draws_it_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("content", "message"), [
-    ("", "cannot be read"), ('{"model": "h', "cannot be read"), ("{}", "has no model"), ("[]", "has no model")])
+    ("", "cannot be read"), ('{"model": "h', "cannot be read"), ("{}", "has no model"), ("[]", "cannot be read")])
 def test_a_broken_summary_is_named(tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "live.json").write_text(content)
     with pytest.raises(InputError, match=rf"live\.json: {message}"):
