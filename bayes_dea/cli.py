@@ -91,7 +91,10 @@ def _run() -> int:
     except BayesDEAError as error:
         return _say(str(error), error.exit_status)
     except Interrupted as stop:
-        return _stopped("terminated" if stop.exit_status == 143 else "interrupted", stop.exit_status)
+        status = _stopped("terminated" if stop.exit_status == 143 else "interrupted", stop.exit_status)
+        for note in getattr(stop, "__notes__", ()):
+            _say(note, status)
+        return status
     except (KeyboardInterrupt, typer.Abort):
         return _stopped("interrupted", 130)
     except MemoryError:

@@ -482,13 +482,15 @@ def parse_override(text: str) -> tuple[str, Prior]:
 
 def _check_domain(p: Parameter, prior: Prior, parameters: Sequence[Parameter]) -> None:
     """Raises InputError for a prior whose whole mass lies where `p` has no meaning, or far from all that is known."""
+    usual, given = _range(p.prior, parameters), _range(prior, parameters)
     if p.prior.is_log and not p.signed:  # what the prior files give a log family is positive
         if prior.family == "fixed" and prior.a <= 0:
             raise InputError(f"prior for '{p.name}': its value must be positive, not {prior.a:g}")
         if not prior.is_log and prior.family != "fixed" and float(prior.cdf(np.zeros(1))[0]) > _ALL_OF_IT:
+            # where the file's median is a multiple of another parameter it would be one here without that parameter
+            example = "" if usual is None else f", e.g. {p.name}=lognormal({math.exp(0.5 * sum(usual)):.2g}, 1)"
             raise InputError(f"prior for '{p.name}': {prior} lies below zero, but {p.name} is positive; write a prior "
-                             f"of positive numbers, e.g. {p.name}={replace(p.prior, relative_to=None)}")
-    usual, given = _range(p.prior, parameters), _range(prior, parameters)
+                             f"of positive numbers{example}")
     if usual is not None and given is not None:
         low, high = max(usual[0], given[0]), min(usual[1], given[1])
         if low - high > math.log(_FAR):

@@ -54,7 +54,8 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
 def write_together(files: Mapping[Path, Callable[[Path], object]]) -> None:
     """The same for files that belong together: all have reached the disk before the first takes its name.
 
-    They take their names in the order given. Raises as `write_atomic` does; none of them is then replaced.
+    They take their names in the order given. Raises as `write_atomic` does; none is replaced where one cannot be
+    made.
     """
     temporary: dict[Path, Path] = {}
     path = Path()

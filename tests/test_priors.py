@@ -439,6 +439,12 @@ def test_a_prior_without_positive_numbers_is_refused_where_they_must_be(prior):
     build_model("yeoh+gm1", {"C2_Pa": Prior("normal", -1e5, 1e4)})  # may be negative
 
 
+def test_what_is_advised_instead_is_a_modulus_and_no_share_of_one():
+    """The file's median of a branch is a multiple of Y_Pa: 0.1 was advised, of pascals."""
+    with pytest.raises(InputError, match=r"e\.g\. k_1_Pa=lognormal\(\d(\.\d)?e\+05, 1\)"):
+        build_model("hooke+gm1", {"k_1_Pa": Prior("normal", -5.0, 1.0)})
+
+
 @pytest.mark.parametrize("prior", [Prior("normal", 0.0, 1e6), Prior("normal", 1e6, 1e5), Prior("uniform", -1.0, 2e6)])
 def test_a_prior_with_positive_numbers_is_taken(prior):
     assert build_model("hooke+gm1", {"Y_Pa": prior}).parameters[0].prior == prior

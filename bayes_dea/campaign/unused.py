@@ -48,11 +48,11 @@ def supplied(recording: Recording) -> Supplied | None:
 
 
 def _compared(command: NDArray[np.float64], measured: NDArray[np.float64]) -> Supplied | None:
-    n, sums, largest = 0, np.zeros(5), 0.0
+    n, sums, largest = 0, np.zeros(4), 0.0
     for part in pieces(command.size):
         u, v = _both(command[part], measured[part])
         n += u.size
-        sums += [u.sum(), v.sum(), u @ u, u @ v, v @ v]
+        sums += [u.sum(), v.sum(), u @ u, u @ v]
         largest = max(largest, float(np.max(np.abs(u), initial=0.0)))
     if n < 2:
         return None

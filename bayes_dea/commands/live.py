@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import BayesDEAError, InputError
+from ..errors import InputError
 from .options import (
     AnewOption,
     JsonOption,
@@ -119,7 +119,7 @@ def live(
                           show_all if shows else None)
         except BaseException:  # Ctrl-C is how many a run ends: what it came to is to be seen too
             if _written(out / LIVE_FILE) != before:
-                with contextlib.suppress(BayesDEAError):
+                with contextlib.suppress(Exception):  # what ended the run is what has to be read
                     _draw(out)
             raise
         page = _draw(out)

@@ -137,6 +137,11 @@ def _filled(word: str, what: str, remedy: str, **value: float | str) -> str:
         raise InputError(f"{what} = {word!r} cannot be filled in ({error}); {remedy}") from None
 
 
+def _unheard(what: str) -> str:
+    return (f"The device could not be told {what} at the end: the voltage may still be on. Switch the supply off by "
+            "hand.")
+
+
 class Driver:
     """Starts, plays and stops. After a broken connection nothing is commanded any more.
 
@@ -201,8 +206,16 @@ class Driver:
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout=1.0)
+        self._reader.wanted = False
+        try:
+            self._to_zero()
+        except BaseException:  # a second Ctrl-C while the device is told
+            if self.drives and self._reader.foreign:
+                self.unheard = _unheard("to go to zero")
+            raise
+
+    def _to_zero(self) -> None:
         r = self._reader
-        r.wanted = False
         last = r.form.stop
         heard = True
         if last:
@@ -224,8 +237,7 @@ class Driver:
         until = time.monotonic() + r.patience_s
         while not r.say(words):
             if time.monotonic() > until or not (r.connected or r.is_alive()):
-                self.unheard = (f"The device could not be told {words!r} at the end: the voltage may still be on. "
-                                "Switch the supply off by hand.")
+                self.unheard = _unheard(repr(words))
                 return
             time.sleep(_AGAIN_S)
 

@@ -188,9 +188,14 @@ def _follow(
                 run.tail(reader)
                 run.seconds["follow"] = time.perf_counter() - began
                 run.conclude(reader.lost.is_set(), driver.unheard)
-    except BaseException as error:
-        if driver.unheard:  # whatever ended the run, this has to be read
+    # whatever ended the run, this has to be read
+    except Exception as error:
+        if driver.unheard:
             raise BayesDEAError(f"{error} {driver.unheard}".strip()) from error
+        raise
+    except BaseException as stopped:  # Ctrl-C keeps its own exit status
+        if driver.unheard:
+            stopped.add_note(driver.unheard)
         raise
     if driver.unheard:
         raise BayesDEAError(driver.unheard)

@@ -94,11 +94,10 @@ def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Rulin
                 continue
             joined = _joined(name, fact.name)
             p[joined], p[name] = p[name] * fact.probability, p[name] * (1.0 - fact.probability)
-            physics[joined] = physics[name]
+            # what is mended has the shift in it, as beside any other name
+            physics[joined] = DELAY if name == NONE and name in delays else physics[name]
             if name in delays:
                 delays[joined] = delays[name]
-                # what is mended has the shift in it, as beside any other name
-                physics[joined] = DELAY if name == NONE else physics[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
     top = max(p, key=lambda k: p[k])
     return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)

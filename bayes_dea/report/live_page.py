@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..results import read_json, write_atomic
+from ..results import read_json, unreadable
 from . import digits, figures_live, tables
 from .data import ResultData
 from .figures_live import Course
 from .figures_parameters import corner_picture
+from .own_page import REPORT_FILE, write_page
 from .style import Report, drawn, looks
 from .templating import environment
 
@@ -58,9 +59,7 @@ def write_live_page(folder: Path, report: Report | None = None) -> Path:
         phases=tables.phase_rows(s),
         seconds=digits.significant(s["seconds"], 3),
     )
-    path = folder / "report.html"
-    write_atomic(path, lambda p: p.write_text(html, encoding="utf-8"))
-    return path
+    return write_page(folder / REPORT_FILE, "live", html)
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -69,7 +68,7 @@ def _summary(folder: Path) -> dict[str, Any]:
         s = read_json(path)
         missing = [key for key in _KEYS if key not in s]
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); go on with the run, which writes it again") from error
+        raise unreadable(path, error, "read", "go on with the run, which writes it again") from error
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; it is not what a live run leaves")
     return s
@@ -88,8 +87,7 @@ def _draws(folder: Path) -> dict[str, Any]:
             return {k: np.asarray(v[()], dtype=float) for k, v in file["posterior"].items()
                     if hasattr(v, "ndim") and v.ndim == 2 and v.dtype.kind == "f"}
     except (OSError, KeyError) as error:
-        raise InputError(f"{path}: cannot be read as a posterior ({error}); go on with the run, which writes it "
-                         "again") from error
+        raise unreadable(path, error, "read as a posterior", "go on with the run, which writes it again") from error
 
 
 def _level(s: Mapping[str, Any]) -> str:

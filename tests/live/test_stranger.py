@@ -11,7 +11,9 @@ import pytest
 from stream import ACTUATOR, TOML, device, learner
 from test_live_run import follow, served
 
+from bayes_dea import cli
 from bayes_dea.bench.device.serve import PtyPort
+from bayes_dea.commands.progress import Interrupted
 from bayes_dea.errors import BayesDEAError, InputError
 from bayes_dea.live.display import picture
 from bayes_dea.live.driver import Command, Driver, check_name_word, check_voltage_word, check_words
@@ -170,6 +172,34 @@ def test_a_device_that_could_not_be_told_is_said_to_be_on():
     driver = streamed(Deaf(takes=1, refuses=1000))
     assert "'SET 0.0'" in driver.unheard
     assert "may still be on" in driver.unheard
+
+
+def test_a_second_interruption_while_the_device_is_told_leaves_it_said_to_be_on(monkeypatch):
+    reader = Deaf(takes=100, refuses=0)
+    driver = Driver(reader, ACTUATOR, None, Command(np.array([0.0, 9.0]), np.array([500.0, 0.0])))
+
+    def stopped(_words):
+        raise Interrupted(2)
+
+    monkeypatch.setattr(reader, "say", stopped)
+    with pytest.raises(Interrupted):
+        driver.end()
+    assert "may still be on" in driver.unheard
+
+
+@pytest.mark.parametrize(("number", "how"), [(2, "interrupted"), (15, "terminated")])
+def test_after_a_signal_it_is_read_that_the_voltage_may_be_on(monkeypatch, capsys, number, how):
+    stop = Interrupted(number)
+    stop.add_note("the voltage may still be on")
+
+    def ended(**_):
+        raise stop
+
+    monkeypatch.setattr(cli, "app", ended)
+    assert cli._run() == 128 + number
+    first, second = capsys.readouterr().err.splitlines()
+    assert how in first
+    assert second == "bayes-dea: the voltage may still be on"
 
 
 def test_a_device_that_only_knows_voltages_is_ramped_down(toml, tmp_path):

@@ -16,6 +16,7 @@ from bayes_dea.cli import app
 from bayes_dea.errors import InputError
 from bayes_dea.report.figures_live import Course, band_of, some_rows
 from bayes_dea.report.live_page import write_live_page
+from bayes_dea.report.own_page import shown
 
 HEADER = "time_s,voltage_V,displacement_m\n"
 #: final mean, sd and unit
@@ -154,7 +155,7 @@ def test_a_run_that_was_cut_off_has_a_page_too(tmp_path: Path) -> None:
 def test_report_draws_it_again(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["report", str(live(tmp_path))])
     assert done.exit_code == 0, done.output
-    assert (tmp_path / "report.html").exists()
+    assert shown(tmp_path / "report.html") == "live"
 
 
 @pytest.mark.parametrize(("content", "message"), [
