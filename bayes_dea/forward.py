@@ -223,9 +223,9 @@ def position_of(recording: Recording, imposed: Imposed | None) -> NDArray[np.flo
     return computed(imposed.straight.at, recording.time_s)
 
 
-def imposed_path(recording: Recording, averaged: Blocks) -> Path:
-    """The same at the rows that it takes to know the force in the means of blocks."""
-    imposed = imposed_pieces(recording)
+def imposed_path(recording: Recording, averaged: Blocks, imposed: Imposed | None = None) -> Path:
+    """The same at the rows that it takes to know the force in the means of blocks. imposed: its pieces, if known."""
+    imposed = imposed or imposed_pieces(recording)
     position = position_of(recording, imposed)
     if imposed is None:
         return make_path(recording.time_s, position, np.ones(position.size, dtype=bool))

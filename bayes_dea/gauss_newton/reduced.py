@@ -302,7 +302,7 @@ def _mechanical_piece(
         p = replace(p, observed=p.observed & ~at_corners & ~_touching(p))
     masked = ~p.observed
     blocks = log_blocks(p.recording.time_s, raw, POSITION_BLOCKS, y=p.y, mask=p.masked, kinks=find_kinks(raw))
-    path = imposed_path(p.recording, blocks)
+    path = imposed_path(p.recording, blocks, imposed)
     travel = max(float(np.ptp(raw[p.observed])), 1e-9)
     nuisance = p.nuisance().T
     y, x = block_means(np.where(masked, 0.0, p.y), blocks, masked), block_means(position, blocks, masked)

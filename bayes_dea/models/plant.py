@@ -128,8 +128,13 @@ class Plant:
     @property
     def has_plain_stress(self) -> bool:
         """Whether the Maxwell stress without stretch follows the square of the command at once."""
-        supply = self.V_dead_V or self.V_max_V < np.inf or self.slew_V_per_s < np.inf or self.tau_fall_s
-        return not (supply or self.R_s_ohm or self.a_q or self.chi)
+        return not (self.has_limited_supply or self.R_s_ohm or self.a_q or self.chi)
+
+    @property
+    def has_limited_supply(self) -> bool:
+        """Whether the supply gives something else than the command."""
+        limits = self.V_max_V < np.inf or self.slew_V_per_s < np.inf
+        return bool(self.V_dead_V or limits or self.tau_fall_s)
 
     @property
     def in_series(self) -> bool | None:

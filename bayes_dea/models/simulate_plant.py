@@ -77,7 +77,7 @@ def held(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float
 
 def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float64]:
     """Strain (m,) after each step; whole: none is cut by what the strain does in it."""
-    if plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s:
+    if plant.has_limited_supply:
         steps = _supplied(plant, steps)
     if not (plant.is_linear or plant.swings or plant.is_series_alone):
         w, out = plant.kernel_numbers(), np.empty(steps.h.size)

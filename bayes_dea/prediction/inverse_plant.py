@@ -46,7 +46,6 @@ class _Chain:
         prepare(self.state, plant.law)
         self.supplied, self.after = 0.0, 0.0
         self.lines, self.strain = np.empty((3, 64)), np.empty(64)
-        self.limited = plant.V_dead_V or plant.V_max_V < np.inf or plant.slew_V_per_s < np.inf or plant.tau_fall_s
 
     def attempt(self, h: float, start_V: float, end_V: float) -> float:
         """Strain after h (s) more of a command straight from start to end; nan where there is no balance of forces."""
@@ -62,7 +61,7 @@ class _Chain:
         self.supplied = self.after
 
     def _supply(self, h: float, start_V: float, end_V: float) -> int:
-        if not self.limited:
+        if not self.plant.has_limited_supply:
             self.lines[:, 0] = h, start_V, end_V
             return 1
         p = self.plant

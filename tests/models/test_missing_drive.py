@@ -158,3 +158,13 @@ def test_every_likelihood_leaves_out_the_same_rows():
             assert p.n == ready[p.name].n
     (force,) = [g for g in assembled.posterior.groups if g.channel == "force"]
     assert sum(r.blocks.count.sum() for r in force.records) == ready["p"].n
+
+
+def test_a_wave_whose_crest_is_missing_did_not_stand_still():
+    """Both sides of the gap are alike to the last digit, and yet it was higher between."""
+    t = 0.01 * np.arange(101)
+    V = np.round(500.0 + 400.0 * np.sin(2 * np.pi * t), 3)
+    assert V[22] == V[28]
+    found = driven(voltage(t, V, gap=slice(23, 28)))
+    assert found.unknown is not None
+    assert found.unknown[23:28].all()
