@@ -4,22 +4,25 @@ A measured position, and a command that is straight between rows, are straight a
 apart. A held command stood still where it was the same on both sides; where it was on its way at the same pace before
 and after, it went straight. Else it changed at an unknown moment: it is held to the end of the gap, as a command is
 until another is recorded, and no row counts until what such a moment may have left behind is gone (as in `live.sums`).
+Where a logger left out the whole row, as an even clock tells (`clock`), that is a gap without rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
 from ..campaign.scratch import all_finite, computed, kept, rows_where
+from .clock import clock_of
 
 #: a course bends by less than this share of its range over a gap and as long before and after: it went straight
 _STRAIGHT = 0.02
-#: an unknown change within a gap up to this long (s) is over too soon to be seen after it
-_SHORT_S = 0.02
+#: an unknown change within a gap up to this long (s) is over too soon to be seen after it, but for one that bends by
+#: more than this share of the range: what an edge sets off, ringing or charging, is given so long (s)
+_SHORT_S, _EDGE, _RINGS_S = 0.02, 0.2, 0.1
 #: what is left of an unknown stretch after this many times its length is below a part in thirty of its creep
 _FORGET = 10.0
 
@@ -27,16 +30,18 @@ _FORGET = 10.0
 @dataclass(frozen=True)
 class Driven:
     """What drove a recording. values (n,): its column without gaps, V or m. unknown (n,): rows whose answer depends on
-    what nobody recorded; None where there are none."""
+    what nobody recorded; None where there are none. leapt (k,): rows behind rows that are missing, in which it neither
+    stood still nor went straight."""
 
     values: NDArray[np.float64]
     unknown: NDArray[np.bool_] | None = None
+    leapt: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
 class _Gaps:
-    """Rows first ... stop - 1 (k,) without a number. still, lost (k,): the command stood still; the course is not
-    known. until_s (k,): when what a lost course left behind is gone."""
+    """Rows first ... stop - 1 (k,) without a number, none where rows are missing. still, lost (k,): the command stood
+    still; the course is not known. until_s (k,): when what a lost course left behind is gone."""
 
     first: NDArray[np.int64]
     stop: NDArray[np.int64]
@@ -49,14 +54,18 @@ def driven(recording: Recording) -> Driven:
     """What drove a voltage or a mechanical recording, gaps filled; its column itself where it has none."""
     is_voltage = not recording.is_mechanical
     x, time = recording.columns["voltage_V" if is_voltage else "position_m"], recording.time_s
-    if all_finite(x):
+    clock = clock_of(time)
+    holes = np.empty(0, dtype=np.int64) if clock is None else clock.after
+    if all_finite(x) and not holes.size:
         return Driven(x)
     known = computed(np.isfinite, x, dtype=np.bool_)
+    # beside an empty cell they are part of its gap
+    holes = holes[known[holes - 1] & known[holes]]
     t_known, x_known = kept(time, known), kept(x, known)
     values = computed(lambda t, v: np.where(np.isfinite(v), v, np.interp(t, t_known, x_known)), time, x)
     unknown = computed(np.isnan, x, dtype=np.bool_)
     held = is_voltage and recording.hold != "linear"
-    gaps = _gaps(time, known, t_known, x_known, is_voltage)
+    gaps = _gaps(time, known, holes, t_known, x_known, is_voltage)
     for a, b, still, lost, until in zip(gaps.first, gaps.stop, gaps.still, gaps.lost, gaps.until_s, strict=True):
         if still:
             unknown[a:b] = False
@@ -64,11 +73,13 @@ def driven(recording: Recording) -> Driven:
             if held and a > 0:
                 values[a:b] = x[a - 1]
             unknown[b : np.searchsorted(time, until)] = True
+    missing = gaps.first == gaps.stop
     if held and recording.hold == "start":
         # a row's command acts after it: the reading of a gap's first row answers what is known, that after its last not
         unknown[1:] = unknown[:-1].copy()
         unknown[0] = False
-    return Driven(values, unknown)
+        unknown[gaps.first[missing & ~gaps.still]] = True
+    return Driven(values, unknown, gaps.first[missing & gaps.lost])
 
 
 def drive_values(recording: Recording) -> NDArray[np.float64]:
@@ -76,11 +87,14 @@ def drive_values(recording: Recording) -> NDArray[np.float64]:
     return driven(recording).values
 
 
-def _gaps(time: NDArray, known: NDArray[np.bool_], t: NDArray, x: NDArray, is_voltage: bool) -> _Gaps:
+def _gaps(
+    time: NDArray, known: NDArray[np.bool_], holes: NDArray[np.int64], t: NDArray, x: NDArray, is_voltage: bool
+) -> _Gaps:
+    """Gaps among rows at `time` (n,) of which some are known, at t (m,) with x, and those before the rows `holes`."""
     n = known.size
     edges = rows_where(np.not_equal, known[1:], known[:-1]) + 1
     edges = np.concatenate([[] if known[0] else [0], edges, [] if known[-1] else [n]]).astype(np.int64)
-    first, stop = edges[::2], edges[1::2]
+    first, stop = np.concatenate([edges[::2], holes]), np.concatenate([edges[1::2], holes])
     begin, end = time[np.maximum(first - 1, 0)], time[np.minimum(stop, n - 1)]
     length = end - begin
     # the readings beside a gap, and those beside them
@@ -102,8 +116,10 @@ def _gaps(time: NDArray, known: NDArray[np.bool_], t: NDArray, x: NDArray, is_vo
         still |= (first == 0) & (x[0] == 0.0)
     else:
         still = np.zeros(first.size, dtype=np.bool_)
-    straight = bend <= _STRAIGHT * float(np.max(x) - np.min(x))
+    reach = float(np.max(x) - np.min(x))
+    straight = bend <= _STRAIGHT * reach
     lost = inside & ~still & ~straight
     if is_voltage:
         lost |= (first == 0) & ~still & (stop < n)
-    return _Gaps(first, stop, still, lost, np.where(length > _SHORT_S, end + _FORGET * length, end))
+    after = np.where(length > _SHORT_S, _FORGET * length, np.where(bend > _EDGE * reach, _RINGS_S, 0.0))
+    return _Gaps(first, stop, still, lost, end + after)

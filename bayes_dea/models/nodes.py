@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
 from ..latest import Latest
+from .course import course_of
 from .electrostatics import filled_input
-from .lags import even_step
-from .missing_drive import drive_values
 from .slow_lines import AHEAD, FINE, ROUGH, LineSettings, corners, slow_lines, turns
 from .steps import Steps
 
@@ -55,6 +54,7 @@ class Nodes:
     corners: NDArray[np.int64] | None = field(default=None, repr=False)
     is_rough: bool = False
     zero_m: float = 0.0
+    tick: NDArray[np.int64] | None = field(default=None, repr=False)
 
     @property
     def size(self) -> int:
@@ -84,12 +84,18 @@ class Nodes:
         return np.stack([self.volts, self.volts])
 
     def rows(self) -> NDArray[np.int64]:
-        """Rows (m,) of the recording that the interval before each node spans, 1 for the first."""
+        """Rows (m,) of the recording that the interval before each node spans, missing ones too, 1 for the first."""
         return self._rows
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:
-        return np.maximum(np.diff(self.row, prepend=self.row[:1]), 1)
+        return np.maximum(self.rows_apart, 1)
+
+    @cached_property
+    def rows_apart(self) -> NDArray[np.int64]:
+        """The same, 0 for the first."""
+        place = self.row if self.tick is None else self.tick
+        return np.diff(place, prepend=place[:1])
 
     @property
     def inputs(self) -> tuple[object, ...]:
@@ -131,7 +137,7 @@ class Nodes:
     def _durations(self) -> NDArray[np.float64]:
         if self.step_s > 0:
             # whole rows, so that equal steps are equal to the last digit
-            return self.step_s * np.diff(self.row, prepend=self.row[:1]).astype(float)
+            return self.step_s * self.rows_apart.astype(float)
         return np.diff(self.time_s, prepend=self.time_s[:1])
 
 
@@ -157,8 +163,8 @@ def make_nodes(
     """
     time_s = np.asarray(recording.time_s, float)
     n = time_s.size
-    volts = _held_until(recording)
-    step = even_step(time_s)
+    course = course_of(recording)
+    volts, step = course.at_rows(), course.step_s
     if every_row:
         keep = np.ones(n, dtype=bool)
     else:
@@ -166,20 +172,23 @@ def make_nodes(
         keep[np.asarray(extra_rows, dtype=np.int64)] = True
     row = np.flatnonzero(keep)
     linear = recording.hold == "linear"
-    slow = slow_lines(row, volts, step, linear, line_settings) if lines and step > 0 else None
+    slow = None
+    if lines and step > 0:
+        slow = slow_lines(course.tick[row], course.volts, course.known, step, linear, line_settings)
     if slow is not None:
-        row = slow.row
+        row = np.searchsorted(course.tick, slow.row)
     temperature = recording.columns.get("temperature_C")
     if temperature is not None:
         temperature = filled_input(np.asarray(temperature, float))[row]
-    out = Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step)
+    tick = course.tick[row] if course.has_holes else None
+    out = Nodes(time_s[row], np.ascontiguousarray(volts[row]), row, n, recording.hold, temperature, step, tick=tick)
     if slow is None:
-        return out
+        return out if tick is None or linear else replace(out, lines_V=_across(course.volts, tick))
     # friction and softening may kink where a command turns, and readings that lead it show its corners rows before
-    ahead = np.append(corners(volts), n - 1)[:, None] - np.arange(AHEAD + 1)
-    bends = np.union1d(np.clip(ahead, 0, n - 1), turns(volts))
-    read = np.delete(row, slow.unread)
-    bends = np.searchsorted(row, bends[np.isin(bends, read)])
+    ahead = np.append(corners(course.volts), course.volts.size - 1)[:, None] - np.arange(AHEAD + 1)
+    bends = course.beside(np.union1d(np.clip(ahead, 0, course.volts.size - 1), turns(course.volts)))
+    read = np.delete(slow.row, slow.unread)
+    bends = np.searchsorted(slow.row, bends[np.isin(bends, read)])
     return replace(out, lines_V=np.stack([slow.start, slow.end]), unread=slow.unread, corners=bends)
 
 
@@ -189,17 +198,15 @@ def rough_nodes(recording: Recording) -> Nodes:
     The output is smooth between its corners, and is to be read off as that.
     """
     nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0)
-    bends = np.searchsorted(nodes.row, corners(_held_until(recording)))
+    course = course_of(recording)
+    place = nodes.row if nodes.tick is None else nodes.tick
+    bends = np.searchsorted(place, course.beside(corners(course.volts)))
     return replace(nodes, corners=bends, is_rough=True)
 
 
-def _held_until(recording: Recording) -> NDArray[np.float64]:
-    """The command (n,) V that acts until each row; with hold = "linear" the one at the row."""
-    volts = np.asarray(drive_values(recording), float)
-    if recording.hold == "start":
-        # what acts until a row is the command of the row before; before the first one nothing did
-        volts = np.concatenate([[0.0], volts[:-1]])
-    return volts
+def _across(volts: NDArray, tick: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Start and end (2, m) V of the command (N,) at all ticks in the interval that ends at each of these (m,)."""
+    return np.stack([volts[np.concatenate([tick[:1], tick[:-1] + 1])], volts[tick]])
 
 
 def _coarse(

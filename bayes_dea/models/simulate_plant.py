@@ -139,7 +139,7 @@ def sensed(
 
 
 def _late(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:
-    return _shown(plant, nodes.time_s, nodes.durations(), np.diff(nodes.row, prepend=nodes.row[:1]), y)
+    return _shown(plant, nodes.time_s, nodes.durations(), nodes.rows_apart, y)
 
 
 def _late_after(

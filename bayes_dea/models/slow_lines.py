@@ -72,11 +72,13 @@ class Lines:
 
 
 def slow_lines(
-    row: NDArray[np.int64], volts: Array, step_s: float, linear: bool, settings: LineSettings = FINE
+    row: NDArray[np.int64], volts: Array, known: NDArray[np.bool_], step_s: float, linear: bool,
+    settings: LineSettings = FINE,
 ) -> Lines | None:
     """Groups of rows (see module) among the rows (m,) that are known so far; None where there are none.
 
-    volts (n,): the command at every row, held until the row or, with `linear`, straight between rows.
+    volts (n,): the command at every row, held until the row or, with `linear`, straight between rows. known (n,): rows
+    that a group may begin and end with; the others are missing from the recording.
     """
     largest = float(np.max(np.abs(volts)))
     if largest == 0.0 or row.size < 3:
@@ -84,11 +86,11 @@ def slow_lines(
     room = _room(volts, largest, step_s, settings)
     # rows that are left out already stand still
     room[:-1][np.isin(np.arange(volts.size - 1) + 1, row, invert=True)] = 0
-    starts = np.flatnonzero(room >= settings.fewest)
+    starts = np.flatnonzero((room >= settings.fewest) & known)
     last = 0 if linear else settings.last
     # first and last row of each group, its line's ends (V)
     first, stop, start, end = _groups(
-        np.ascontiguousarray(volts, dtype=float), starts, room, last, linear, settings.fewest,
+        np.ascontiguousarray(volts, dtype=float), known, starts, room, last, linear, settings.fewest,
         settings.missed * largest,
     )
     return _joined(row, volts, first, stop, start, end, last, linear) if first.size else None
@@ -158,11 +160,11 @@ def _next(marks: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
-def _groups(volts, starts, room, last, linear, fewest, missed):
+def _groups(volts, known, starts, room, last, linear, fewest, missed):
     """Groups from left to right: first row (k,), last row (k,), and start and end of the line (k,) V of each.
 
-    A group begins at one of the rows `starts`, is as long as its room there or shorter, and ends in `last` held rows;
-    missed: volts by which its line may miss a row.
+    A group begins at one of the rows `starts`, is as long as its room there or shorter, and ends in `last` held rows
+    that are known; missed: volts by which its line may miss a row.
     """
     first, stop = np.empty(starts.size, dtype=np.int64), np.empty(starts.size, dtype=np.int64)
     start, end = np.empty(starts.size), np.empty(starts.size)
@@ -171,6 +173,12 @@ def _groups(volts, starts, room, last, linear, fewest, missed):
         r = starts[at]
         long, go_on = room[r], r + 1
         while long >= fewest:
+            there = True
+            for i in range(last + 1):
+                there = there and known[r + long - i]
+            if not there:
+                long -= 1
+                continue
             k = long - last
             slope = (volts[r + k] - volts[r + 1]) / (k - 1)
             mean = 0.0
@@ -207,6 +215,11 @@ def _joined(
     keep[row] = True
     start = np.concatenate([volts[:1], volts[:-1]]) if linear else volts.copy()
     end = volts.copy()
+    if linear:
+        start[row[1:]] = volts[row[:-1]]
+    else:
+        # across rows that are missing; those that are left out stand still
+        start[row[1:]] = volts[row[:-1] + 1]
     unread = np.zeros(volts.size + 1, dtype=np.int64)
     within = np.zeros(volts.size + 1, dtype=np.int64)
     for mark, ahead, behind in ((within, first + 1, stop - last), (unread, stop - last, stop)):
