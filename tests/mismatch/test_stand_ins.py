@@ -6,7 +6,7 @@ from concealed_campaigns import concealed
 from bayes_dea.bench.rig import Material
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.search.relabel import FAST_STEPS, stands_in
+from bayes_dea.mismatch.search.relocate import FAST_STEPS, stands_in
 from bayes_dea.mismatch.search.stand_ins import _held, with_true_modes
 from bayes_dea.mismatch.where.size import effect_size
 

@@ -41,7 +41,7 @@ from .pairs import beside_the_leader, beside_the_next, freed, in_place_of_the_fi
 from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
-from .rivals import again, from_the_leader
+from .rivals import again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
 from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
@@ -261,16 +261,25 @@ class _Search:
         self.best = judged
 
     def _thoughts(self, w: Weighed) -> Weighed:
-        """The same, or what is likelier once no mode of the base stands in for another effect."""
+        """The same, or what is likelier once no mode of the base stands in for another effect.
+
+        What leads from there on is looked around from as leaders of a search are, where it leaves something.
+        """
         if any(w is c for c in self._considered):
             return w
         recounted = counted(w, self.quest.base, self.brief.prior)
         if recounted is not w:
             self.known.weighed[w.name] = w = recounted
-        more = second_thoughts(w, self.quest)
-        better = self.known.take_from_elsewhere([t for t in more if self.known.enough(t)])
-        self._considered.append(max([w, *better], key=self.known.weight))
-        return self._considered[-1]
+        better = self._better(second_thoughts(w, self.quest))
+        top = max([w, *better], key=self.known.weight)
+        if top is not w and not self.quest.explained_by(top.fit):
+            top = max([top, *self._better(put_right(top, [w, *better], self.quest))], key=self.known.weight)
+        self._considered.append(top)
+        return top
+
+    def _better(self, found: list[Weighed]) -> list[Weighed]:
+        """Those that are clearly better than what is known, and change enough to be claimed."""
+        return self.known.take_from_elsewhere([t for t in found if self.known.enough(t)])
 
     def _one_more(self) -> bool:
         """Look for an effect beside the best, where that is not enough; whether yet another may be looked for."""

@@ -20,8 +20,7 @@ from .frame import Frame, own_index, trusted
 from .grid import Screened, moved_to, screen
 from .hypotheses import extended
 from .quest import Quest, Report
-from .relabel import stands_in
-from .relocate import begun_from, relocated
+from .relocate import begun_from, relocated, stands_in
 from .ridge import NARROW, integrated
 from .slow_start import LIMITS, driven_start, sized_start, slow_start
 from .weigh import HOPELESS, Weighed, escape, excess, improved, refine, widths_of

@@ -16,12 +16,10 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
 from ..where.size import effect_size
-from .relocate import elements_of, with_modes
+from .relocate import elements_of, stands_in, with_modes
 from .weigh import Weighed
 
 FURTHER = "extra_relaxation_mode"
-#: sampling steps below which a mode is none that a recording shows as such
-FAST_STEPS = 3.0
 #: modulus of a mode that is to do nothing much, by those of the others
 _IDLE = 0.02
 #: by how much (log) a refit may move the time constant of an exchanged mode
@@ -101,15 +99,6 @@ def within(found: Weighed, base: Fit, model: Model, prior: NoisePrior) -> Weighe
         return None
     others = tuple(n for n in model.spec.effects if n not in base.problem.model.spec.effects)
     return Weighed(others, fit, fit.log_evidence, 0.1, effect_size(base, fit))
-
-
-def stands_in(fit: Fit) -> bool:
-    """Whether a mode of the base is too fast to be seen as one: it does the work of something else."""
-    spec, values = fit.problem.model.spec, fit.values()
-    if spec.network != "gm" or spec.elements < 1:
-        return False
-    quickest = min(tau for tau, _ in elements_of(values, spec.elements))
-    return quickest <= FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
 
 
 def without_stand_in(found: Weighed, model: Model, prior: NoisePrior) -> Fit | None:

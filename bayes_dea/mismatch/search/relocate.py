@@ -2,13 +2,15 @@
 
 Without the effect a mode imitates it as well as it can: a lag of some milliseconds, or a time constant far below the
 sampling step, where it has no slope to come back by. So every mode is tried on a grid of time constants, the rest of
-the fit moved along linearly, and the fit is made again from the best point. Two modes that have fallen onto one time
-constant have no slope that parts them: they are set apart. Where one hypothesis has found a better place so, its rivals
-are begun from there too: none may fall behind because it did not look.
+the fit moved along linearly, and the fit is made again from the best point. A mode below the sampling step is tried
+there whatever that point promises: what is in by now was fitted around it, and does not follow in a straight line. Two
+modes that have fallen onto one time constant have no slope that parts them: they are set apart. Where one hypothesis
+has found a better place so, its rivals are begun from there too: none may fall behind because it did not look.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 #: time constants tried, and moduli by the static one: weak and strong
 _TIMES = 8
 _SHARES = (0.02, 0.1)
+#: sampling steps below which a mode is none that a recording shows as such
+FAST_STEPS = 3.0
 #: nats that a point has to promise, and rounds
 _LEAST = 2.0
 _ROUNDS = 2
@@ -72,13 +76,14 @@ def begun_from(fit: Fit, other: Fit, prior: NoisePrior) -> Fit:
 
 
 def _starts(fit: Fit) -> list[tuple[Array, Array]]:
-    """The best point of the grid for each mode, with its move; none of one that is nowhere better than where it is.
+    """The best point of the grid for each mode, with its move; none of one that is seen and nowhere better than there.
 
     The best two of all are mostly next to each other, and beside a slow mode, which bends, promise what is not there.
     """
     frame = Frame(fit)
     below = frame.value(fit.clean)[0] - _LEAST
     here = float(fit.problem.log_prior(fit.q)[0])
+    astray = _unresolved(fit)
     best: dict[int, tuple[float, Array, Array]] = {}
     for mode, q in _elsewhere(fit):
         change = float(fit.problem.log_prior(q)[0]) - here
@@ -88,7 +93,8 @@ def _starts(fit: Fit) -> list[tuple[Array, Array]]:
         if not all(np.isfinite(x).all() for x in clean):
             continue
         value, move = frame.value(clean)
-        if value - change < min(below, best[mode][0] if mode in best else below):
+        worst = best[mode][0] if mode in best else math.inf if mode in astray else below
+        if value - change < worst:
             best[mode] = value - change, q, move
     return [(q, move) for _, q, move in sorted(best.values(), key=lambda f: f[0])]
 
@@ -124,6 +130,18 @@ def _parted(fit: Fit) -> list[Array]:
         tau = float(np.sqrt(slow[0] * quick[0]))
         out += [with_modes(fit, model, values, [*others, (tau * r, half), (tau / r, half)]) for r in _APART]
     return out
+
+
+def _unresolved(fit: Fit) -> list[int]:
+    """Numbers of the modes that are too fast to be seen as such."""
+    steps = [p.prepared.step_s for p in fit.problem.pieces]
+    modes = elements_of(fit.values(), fit.problem.model.spec.elements)
+    return [i for i, (tau, _) in enumerate(modes, 1) if tau <= FAST_STEPS * min(steps)]
+
+
+def stands_in(fit: Fit) -> bool:
+    """Whether a mode of the base is too fast to be seen as one: it does the work of something else."""
+    return fit.problem.model.spec.network == "gm" and bool(_unresolved(fit))
 
 
 def elements_of(values: Mapping[str, float], count: int) -> list[tuple[float, float]]:

@@ -14,8 +14,7 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import build_model
 from ...priors import Parameter, Prior
-from .relabel import FAST_STEPS, stands_in
-from .relocate import with_modes
+from .relocate import FAST_STEPS, stands_in, with_modes
 
 
 def with_true_modes(fit: Fit, simpler: Fit, prior: NoisePrior) -> Fit | None:
