@@ -80,3 +80,20 @@ def test_a_mass_has_to_promise_less_as_its_peak_is_narrower_than_the_steps_of_a_
     assert promising.asked_of(of("supply_current_limit", "inertia"), ("supply_current_limit",), left) < 500.0
     # what is looked for beside a mass has no such peak
     assert promising.asked_of(of("sensor_lag", "inertia"), ("inertia",), left) == 1000.0
+
+
+def test_what_is_dear_is_given_up_where_it_leaves_much():
+    """Beside two that are dear no third is looked for, so that they have to explain it: 40 % of 10,000 nats, not 70."""
+    pieces = (SimpleNamespace(blocks=SimpleNamespace(n=2000)),)
+
+    def most(there, effects, left=1e4):
+        base = SimpleNamespace(problem=SimpleNamespace(
+            pieces=pieces, model=SimpleNamespace(spec=SimpleNamespace(effects=there))))
+        refits = promising._Refits(base, [], SimpleNamespace(prior=None), left)
+        return refits._most(SimpleNamespace(effects=effects))
+
+    friction = ("rate_independent_hysteresis",)
+    assert most(friction, (*friction, "inertia")) == pytest.approx(1000.0 + 4000.0)
+    assert most(("sensor_lag",), ("sensor_lag", "inertia")) == pytest.approx(1000.0 + 7000.0)
+    assert most(friction, (*friction, "sensor_lag")) == float("inf")
+    assert most(friction, (*friction, "inertia"), left=150.0) == float("inf")

@@ -59,6 +59,8 @@ _RINGS = 0.03
 #: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
 #: effect to be looked for: of two that are there the wrong second one takes half and less
 _FINELY, REMAINS = 0.5, 0.7
+#: the same of two effects beside which no third one is looked for
+_OF_TWO_DEAR = 0.4
 
 
 def too_dear(effects: Sequence[str]) -> bool:
@@ -175,7 +177,6 @@ class _Refits:
     def fit(self, starts: int, look: Callable[[Fit], None] | None, best: float, least: float) -> None:
         """Refits down the order of the grids; see `refined`."""
         reached, taken = 0.0, 0.0
-        half = 0.5 * sum(p.blocks.n for p in self.base.problem.pieces)
         for k, s in enumerate(_in_order(self.base, self.screened)):
             self.quest.say("refitting", k, len(self.screened), "+".join(s.effects))
             asked = max(least, asked_of(s, self._there, self.left))
@@ -183,9 +184,7 @@ class _Refits:
             promising = wanted and (k < _REFITTED or s.gain > taken - _NEAR)
             # a further law of an effect has a ridge where it becomes the plain one: one descent is dear enough
             further = any(o.effects == s.effects and o.model.dimension < s.model.dimension for o in self.screened)
-            # what is costly and leaves most is no part of an explanation, and takes minutes to look around in
-            costly = self.left > SMALL and bool(_COSTLY.intersection(s.effects) - self._there)
-            most = half + REMAINS * self.left if costly else math.inf
+            most = self._most(s)
             w = None
             if promising:
                 w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most)
@@ -202,6 +201,17 @@ class _Refits:
                 highest = self.base.log_evidence + reached - (HOPELESS if promising and reached > HOPELESS else 0.0)
                 w = Weighed(s.effects, self.base, min(s.log_evidence, highest), 0.5, 0.0)
             self._take(s, w)
+
+    def _most(self, s: Screened) -> float:
+        """The value (see `Weighed`) above which a hypothesis is given up.
+
+        What is costly and leaves most is no part of an explanation, and takes minutes to look around in. Beside two
+        that are dear no third one is looked for: they explain it, or they do not.
+        """
+        if self.left <= SMALL or not _COSTLY.intersection(s.effects) - self._there:
+            return math.inf
+        remains = _OF_TWO_DEAR if too_dear(s.effects) else REMAINS
+        return 0.5 * sum(p.blocks.n for p in self.base.problem.pieces) + remains * self.left
 
     def _may_be_between(self, s: Screened) -> bool:
         """Whether a descent from the best points is to say if an effect lies between those of its grid.
@@ -264,7 +274,7 @@ class _Refits:
         if not fitted:
             return
         left_out = [s for s in self.screened if self.out["+".join(s.effects)].fit is self.base]
-        for s, w in overlooked(self.base, self.out[fitted[0]].fit, left_out, self.quest):
+        for s, w in overlooked(self.base, self.out[fitted[0]].fit, left_out, self.quest, self._most):
             self._take(s, w)
 
     def go_on(self) -> None:
@@ -278,7 +288,7 @@ class _Refits:
         for name in near:
             grid, leader = self._of[name], self.out[near[0]].fit
             if name == near[0] or not DEAR.intersection(grid.effects) - self._there or self._is_enough(leader):
-                self.out[name] = _gone_on(self.out[name], self.base, grid, self.prior)
+                self.out[name] = _gone_on(self.out[name], self.base, grid, self.prior, not self._is_enough(leader))
 
     def along_ridges(self) -> None:
         """Rivals that are near are weighed along their ridges, where no further effect is looked for."""
@@ -354,12 +364,13 @@ def of_laws(w: Weighed, screened: Sequence[Screened]) -> Weighed:
 
 
 def overlooked(
-    base: Fit, leader: Fit, waiting: Sequence[Screened], quest: Quest
+    base: Fit, leader: Fit, waiting: Sequence[Screened], quest: Quest,
+    most: Callable[[Screened], float] = lambda _: math.inf,
 ) -> list[tuple[Screened, Weighed]]:
     """Hypotheses that were not refitted, from where the leading one has the base, if that is another place.
 
     Where a mode of the base does an effect's work, those that would do it, too, promise nothing: a sensor's lag beside
-    a damper, say.
+    a damper, say. most: the value above which each is given up.
     """
     prior = quest.prior
     plain = stripped(leader, base.problem.model, prior)
@@ -375,7 +386,7 @@ def overlooked(
             found.append((again.points[0].posterior, s, again.points))
     out = []
     for _, s, points in sorted(found, key=lambda f: f[0])[:_FOLLOWING]:
-        w = refine(base, replace(s, points=points), prior, 1, reached)
+        w = refine(base, replace(s, points=points), prior, 1, reached, at_most=most(s))
         if w is not None:
             out.append((s, w))
     return out
@@ -389,13 +400,13 @@ def stripped(fit: Fit, model: Model, prior: NoisePrior) -> Fit | None:
     return refit(fit.problem.with_model(model), q, prior.start(), prior, max_steps=0, fit_noise=False)
 
 
-def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior) -> Weighed:
-    """The same, begun again from where it ended as long as that helps.
+def _gone_on(w: Weighed, base: Fit, screened: Screened, prior: NoisePrior, coarse: bool) -> Weighed:
+    """The same, begun again from where it ended as long as that helps. coarse: see `refit`.
 
     A descent that follows a bent valley is damped until its next step promises nothing, far from the end of the valley.
     """
     for _ in range(_AGAIN):
-        again = refit(w.fit.problem, w.fit.q, prior.start(), prior, known=w.fit.linearisation)
+        again = refit(w.fit.problem, w.fit.q, prior.start(), prior, known=w.fit.linearisation, coarse=coarse)
         if again is None or again.objective > w.fit.objective - _HELPS:
             break
         w = improved(w, base, screened, again)
