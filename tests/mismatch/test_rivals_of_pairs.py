@@ -242,3 +242,5 @@ def test_nothing_that_charges_the_dielectric_is_a_third_beside_a_mass():
     assert beside(Stub(("one_quadrant_supply", "inertia"), 0.0), names) == ["thickness_feedback", "sensor_lag"]
     assert beside(Stub(("leakage", "sensor_lag"), 0.0), names) == [
         "series_resistance", "thickness_feedback", "parallel_damper"]
+    # a shift of the readings costs nothing, and may be there whatever else is
+    assert beside(Stub(("leakage", "inertia"), 0.0), [*names, "acquisition_delay"]) == ["acquisition_delay"]

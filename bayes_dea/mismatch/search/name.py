@@ -288,7 +288,8 @@ class _Search:
         enough_alone = self.best.adequate and gain < _VISIBLE
         if not 1 <= len(best.effects) < self.brief.most_effects:
             return False
-        if len(best.effects) > 1 and too_dear(best.effects):
+        dear = len(best.effects) > 1 and too_dear(best.effects)
+        if dear and (enough_alone or DELAY in best.effects or DELAY not in self.quest.names):
             return False
         if best.log_evidence < self.none.weighed.log_evidence:
             return False
@@ -296,7 +297,11 @@ class _Search:
         free = freed(best, prior) if enough_alone else None
         if enough_alone and free is None and self.known.physics(best) > 1:
             return False
-        more = self._beside_what_is_enough(free) if enough_alone else self._beside_what_is_not()
+        if dear:
+            # but for a shift of the readings, which costs nothing and may be there whatever else is
+            more = self._taken(beside(best, self.quest.among([DELAY])))
+        else:
+            more = self._beside_what_is_enough(free) if enough_alone else self._beside_what_is_not()
         if not more:
             return False
         top = max(more, key=self.known.weight)
@@ -306,7 +311,8 @@ class _Search:
         left_over = excess(best.fit, prior)
         if not enough_alone and left_over - excess(top.fit, prior) < _STEP * left_over:
             return False
-        top = self._thoughts(top)
+        if not dear:
+            top = self._thoughts(top)
         self._lead(top)
         # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
         return self.best.adequate or excess(top.fit, prior) <= REMAINS * left_over
