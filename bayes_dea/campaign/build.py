@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayes_dea.campaign.checks import check_columns
 from bayes_dea.campaign.dead_sensors import check_dead_sensors
 from bayes_dea.campaign.gaps import gap_warnings
+from bayes_dea.campaign.holes import hole_warnings
 from bayes_dea.campaign.plausibility import OVERRIDE, check_plausible
 from bayes_dea.campaign.schema import HOLDS, ROLES, Actuator, Campaign, Recording, Sensor
 from bayes_dea.campaign.settings import check_geometry, choice, parse_conventions
@@ -100,7 +101,8 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     together += check_dead_sensors(found) + check_stiffness(found, sensors or {})
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
-    collected += together + check_time_units(found) + gap_warnings(found, places)
+    collected += together + check_time_units(found)
+    collected += hole_warnings(found, places) + gap_warnings(found, places)
     collected += unused_warnings(found, sensors or {})
     if used["memory"] == "continued":
         collected += _not_continued(found)

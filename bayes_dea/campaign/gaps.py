@@ -11,9 +11,9 @@ from bayes_dea.campaign.rhythm import reading_every
 from bayes_dea.campaign.schema import Recording
 
 #: recordings with gaps of one column from which on one line tells of all
-_MANY = 4
+MANY = 4
 #: recordings that this line names
-_NAMED = 3
+NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def gap_warnings(recordings: Sequence[Recording], where: Sequence[Callable[[int]
     for column in dict.fromkeys(g.column for g in found):
         own = [g for g in found if g.column == column]
         # what drove the actuator is to be filled in, place by place
-        many = len(own) >= _MANY and not any(g.drives for g in own)
+        many = len(own) >= MANY and not any(g.drives for g in own)
         out += [_together(own)] if many else [g.told() for g in own]
     return out
 
@@ -75,7 +75,7 @@ def _of_recording(r: Recording, where: Callable[[int], str]) -> list[_Gaps]:
 def _together(own: Sequence[_Gaps]) -> str:
     """One line on the gaps of a column in many recordings; it names those with the largest share."""
     count, of = sum(g.count for g in own), sum(g.of for g in own)
-    most = sorted(own, key=lambda g: -g.share)[:_NAMED]
+    most = sorted(own, key=lambda g: -g.share)[:NAMED]
     named = "; ".join(f"{g.recording}: {g.count} in {g.size}, the first at {g.first}" for g in most)
     return (f"{own[0].column} has {times(count, 'gap')} in {len(own)} recordings ({100.0 * count / of:.2g} % of their "
             f"readings), the most in {named}.")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.checks import first_row
-from bayes_dea.campaign.gaps import times
+from bayes_dea.campaign.holes import holes_in, some_steps
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
@@ -93,9 +93,7 @@ def _structured(values: NDArray[np.float64]) -> bool:
 
 def _time(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
     time = r.time_s
-    # of a long recording a million steps from all over it
-    some = np.linspace(0, time.size - 2, min(time.size - 1, 1_000_000)).astype(int)
-    steps = time[some + 1] - time[some]
+    steps = some_steps(time)
     median = float(np.median(steps))
     duration = float(time[-1] - time[0])
     waves = r.kind in ("sine", "triangle", "rectangle")
@@ -116,32 +114,11 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
         elif frequency > 1.2 * limit:
             warnings.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, above "
                             f"max_frequency_Hz = {limit:g}.")
-    holes = _holes(time, median)
-    if holes.size:
-        first = int(holes[0])
-        warnings.append(f"{r.name}: time_s has {times(holes.size, 'hole')} longer than ten steps, the first "
-                        f"({time[first + 1] - time[first]:.4g} s) before {where(first + 1)}; nothing is known in "
-                        "between.")
-    elif median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01:
+    # of holes it is said that they are holes (`holes`)
+    if median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01 and not holes_in(time).size:
         low, high = float(steps.min()), float(steps.max())
         warnings.append(f"{r.name}: time_s is uneven (steps from {low:.4g} to {high:.4g} s, median "
                         f"{median:.4g} s); the times are used as they stand.")
-
-
-def _holes(time: NDArray[np.float64], median: float) -> NDArray[np.intp]:
-    """Rows (from 0) after which nothing was recorded for more than ten steps.
-
-    A log-spaced creep recording has ever longer steps; a hole is long against its neighbours too.
-    """
-    found = []
-    piece = 1_000_000  # rows looked at at a time
-    for begin in range(0, time.size - 1, piece):
-        before = max(begin - 1, 0)
-        steps = np.diff(time[before: begin + piece + 2])
-        beside = np.maximum(np.concatenate(([0.0], steps[:-1])), np.concatenate((steps[1:], [0.0])))
-        rows = before + np.flatnonzero((steps > 10.0 * median) & (steps > 10.0 * beside))
-        found.append(rows[(rows >= begin) & (rows < begin + piece)])
-    return np.concatenate(found)
 
 
 def dominant_frequency(voltage: NDArray[np.float64], time_s: NDArray[np.float64]) -> float:

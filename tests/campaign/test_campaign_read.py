@@ -313,3 +313,17 @@ def test_reading_is_fast(folder, data, as_csv):
     seconds = time.process_time() - start
     assert sum(r.n for r in campaign.recordings) == 12 * n
     assert seconds < 2.0
+
+
+def test_holes_in_many_recordings_are_told_in_one_line(folder, data, as_csv):
+    files = {}
+    for k in range(5):
+        columns = data(seed=k)
+        columns["time_s"] = columns["time_s"] + np.where(np.arange(200) >= 100, 30.0, 0.0)
+        columns["time_s"] = columns["time_s"] + (np.where(np.arange(200) >= 150, 20.0, 0.0) if k == 3 else 0.0)
+        files[f"r{k}.csv"] = as_csv(columns)
+    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "creep"\n' for f in files)
+    told = [w for w in load_campaign(folder(recordings, files)).warnings if "hole" in w]
+    assert len(told) == 1
+    assert "6 holes longer than ten steps in 5 recordings, the most in r3.csv: 2, the first (30" in told[0]
+    assert "before row 102" in told[0]
