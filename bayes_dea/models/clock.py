@@ -1,12 +1,13 @@
-"""The even clock of a recording, ticks of rows that its logger left out among them.
+"""The clock of a recording, ticks of rows that its logger left out among them.
 
 A row that is not there leaves the clock as it was: between two rows then lie two ticks. What is even but for that is as
-cheap to follow as what is even, step for step of one length.
+cheap to follow as what is even, step for step of one length. Where stamps tremble about the ticks, as those of a
+program that asks a device in a loop, it tells how many rows are missing all the same.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,19 +19,21 @@ from .lags import even_step
 
 #: share of all ticks that may have no row; what lacks more was read at another pace
 _MISSING = 0.05
-#: part of a step by which a stamp may be off its tick
-_OFF = 2e-3
+#: part of a step by which a stamp may be off its tick for the clock to be even, and by which two rows that follow each
+#: other may be nearer or farther than that
+_OFF, _TREMBLES = 2e-3, 0.3
 
 
 @dataclass(frozen=True)
 class Clock:
     """Ticks step_s (s) apart, the first at the first of n rows. after, missing (k,): rows behind a hole, and the ticks
-    without a row before each."""
+    without a row before each. is_even: whether stamps are those of the ticks."""
 
     step_s: float
     n: int
     after: NDArray[np.int64]
     missing: NDArray[np.int64]
+    is_even: bool = True
 
     @property
     def size(self) -> int:
@@ -47,7 +50,7 @@ class Clock:
 
 
 def clock_of(time_s: NDArray[np.float64]) -> Clock | None:
-    """The clock of rows at times (n,), rising; None where they are uneven."""
+    """The clock of rows at times (n,), rising; None where they come at any pace."""
     n, none = time_s.size, np.empty(0, dtype=np.int64)
     step = even_step(time_s)
     if step > 0:
@@ -59,17 +62,23 @@ def clock_of(time_s: NDArray[np.float64]) -> Clock | None:
         return None
     after, missing, row = [none], [none], 1
     for d in differences(time_s)():
-        ticks = np.rint(d / common).astype(np.int64)
+        ticks = np.rint(d / common)
+        if not np.max(np.abs(d / common - ticks)) <= _TREMBLES or not ticks.min() > 0:
+            return None
         at = np.flatnonzero(ticks != 1)
         after.append(row + at)
-        missing.append(ticks[at] - 1)
+        missing.append(ticks[at].astype(np.int64) - 1)
         row += d.size
     holes, lacking = np.concatenate(after), np.concatenate(missing)
-    if np.any(lacking < 0) or not lacking.sum() <= _MISSING * n:
+    if not lacking.sum() <= _MISSING * n:
         return None
     out = Clock((time_s[-1] - time_s[0]) / (n - 1 + int(lacking.sum())), n, holes, lacking)
-    for part in pieces(n, BLOCK):
-        ideal = time_s[0] + out.step_s * out.ticks(np.arange(part.start, part.stop))
-        if not np.max(np.abs(time_s[part] - ideal)) <= _OFF * out.step_s:
-            return None
-    return out
+    return out if _on_its_ticks(time_s, out) else replace(out, is_even=False)
+
+
+def _on_its_ticks(time_s: NDArray[np.float64], clock: Clock) -> bool:
+    for part in pieces(clock.n, BLOCK):
+        ideal = time_s[0] + clock.step_s * clock.ticks(np.arange(part.start, part.stop))
+        if not np.max(np.abs(time_s[part] - ideal)) <= _OFF * clock.step_s:
+            return False
+    return True

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Course:
-    """volts (N,) V: the command that acts until each tick, with hold = "linear" the one at the tick; where the clock is
-    uneven or no row is missing, ticks are rows. clock: None where it is uneven."""
+    """volts (N,) V: the command that acts until each tick, with hold = "linear" the one at the tick; where no row is
+    missing, ticks are rows. clock: None where there is none."""
 
     volts: Array
     clock: Clock | None
@@ -34,7 +34,12 @@ class Course:
 
     @property
     def step_s(self) -> float:
-        """The common step of the ticks; 0 where they are uneven."""
+        """The common step of the rows; 0 where they are uneven."""
+        return 0.0 if self.clock is None or not self.clock.is_even else self.clock.step_s
+
+    @property
+    def pace_s(self) -> float:
+        """About how far ticks are apart; 0 where there is no telling."""
         return 0.0 if self.clock is None else self.clock.step_s
 
     @cached_property

@@ -173,8 +173,10 @@ def make_nodes(
     row = np.flatnonzero(keep)
     linear = recording.hold == "linear"
     slow = None
-    if lines and step > 0:
-        slow = slow_lines(course.tick[row], course.volts, course.known, step, linear, line_settings)
+    # what trembles is no line of even rows, but for what a change of the parameters changes
+    pace = course.pace_s if line_settings is ROUGH else step
+    if lines and pace > 0:
+        slow = slow_lines(course.tick[row], course.volts, course.known, pace, linear, line_settings)
     if slow is not None:
         row = np.searchsorted(course.tick, slow.row)
     temperature = recording.columns.get("temperature_C")
