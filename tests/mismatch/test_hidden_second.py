@@ -150,3 +150,14 @@ def test_a_shift_is_found_beside_two_that_no_third_effect_is_looked_for_beside(s
     result = diagnose(campaign_of(case), case.model, seed=1)
     assert result.verdict == "series_resistance+amplitude_softening"
     assert result.naming.best.adequate
+
+
+@pytest.mark.long
+def test_a_second_effect_is_found_in_place_of_a_mode_that_does_its_work_badly():
+    """A slow fall of the supply beside a sensor's end: a mode of 0.17 ms takes a part of it, and left no promise."""
+    case = draw_case(1564683)
+    assert set(case.effects) == {"one_quadrant_supply", "sensor_clipping"}
+    result = diagnose(campaign_of(case), case.model, seed=1)
+    assert result.verdict == "one_quadrant_supply+sensor_clipping"
+    weighed = result.naming.weighed
+    assert weighed[result.verdict].log_evidence > weighed["sensor_clipping"].log_evidence + 200.0

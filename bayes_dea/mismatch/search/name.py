@@ -22,7 +22,7 @@ from ..where.discrepancy import basis, discrepancy
 from ..where.features import Features
 from ..where.locate import Places, is_adequate, places_of, scan
 from ..where.size import effect_size
-from .beside import beside, promised_beside, together
+from .beside import beside, promised_beside, together, top_of
 from .elements import counted
 from .frame import Frame
 from .grid import Screened
@@ -350,9 +350,19 @@ class _Search:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
             more += self._taken(swapped)
+            if not self.quest.explained_by(top_of(more, start).fit):
+                more += self._taken(self._in_place_of_a_mode(start))
         elif self.known.physics(start) == 1 and more:
             more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
         return more
+
+    def _in_place_of_a_mode(self, start: Weighed) -> list[Weighed]:
+        """Further effects beside what leaves something, where a mode of the base may do badly what one of them does."""
+        free = freed(start, self.brief.prior)
+        if free is None:
+            return []
+        found = [t for t in beside(free, self.quest) if t.fit is not free.fit and t.log_evidence > start.log_evidence]
+        return [replace(t, size_m=effect_size(start.fit, t.fit)) for t in found]
 
     def _taken(self, found: list[Weighed]) -> list[Weighed]:
         """What was found is known now; those of it that change enough to be claimed."""
