@@ -66,13 +66,13 @@ def driven(recording: Recording) -> Driven:
     unknown = computed(np.isnan, x, dtype=np.bool_)
     held = is_voltage and recording.hold != "linear"
     gaps = _gaps(time, known, holes, t_known, x_known, is_voltage)
-    for a, b, still, lost, until in zip(gaps.first, gaps.stop, gaps.still, gaps.lost, gaps.until_s, strict=True):
-        if still:
-            unknown[a:b] = False
-        if lost:
-            if held and a > 0:
-                values[a:b] = x[a - 1]
-            unknown[b : np.searchsorted(time, until)] = True
+    for a, b in zip(gaps.first[gaps.still], gaps.stop[gaps.still], strict=True):
+        unknown[a:b] = False
+    # what an unknown course left behind goes on where a later command is known
+    for a, b, until in zip(gaps.first[gaps.lost], gaps.stop[gaps.lost], gaps.until_s[gaps.lost], strict=True):
+        if held and a > 0:
+            values[a:b] = x[a - 1]
+        unknown[b : np.searchsorted(time, until)] = True
     missing = gaps.first == gaps.stop
     if held and recording.hold == "start":
         # a row's command acts after it: the reading of a gap's first row answers what is known, that after its last not

@@ -117,6 +117,16 @@ def test_a_step_within_a_gap_came_at_an_unknown_moment(step, height, after):
     assert len(out) == pytest.approx(6 + after, abs=1)
 
 
+def test_a_command_that_is_known_again_does_not_end_what_an_unknown_one_left_behind():
+    """A step within 0.2 s, so that nothing counts for two seconds; half a second later five cells of a constant."""
+    t = 0.01 * np.arange(400)
+    V = np.where(np.arange(400) > 110, 800.0, 0.0)
+    V[100:119] = V[170:175] = np.nan
+    unknown = driven(voltage(t, V)).unknown
+    assert unknown[100:318].all()
+    assert not unknown[320:].any()
+
+
 def test_before_the_first_and_after_the_last_number():
     t = 0.1 * np.arange(200)
     V = np.where(t > 5, 800.0, 0.0)
