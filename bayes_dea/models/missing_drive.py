@@ -73,13 +73,14 @@ def driven(recording: Recording) -> Driven:
         if held and a > 0:
             values[a:b] = x[a - 1]
         unknown[b : np.searchsorted(time, until)] = True
-    missing = gaps.first == gaps.stop
     if held and recording.hold == "start":
         # a row's command acts after it: the reading of a gap's first row answers what is known, that after its last not
         unknown[1:] = unknown[:-1].copy()
         unknown[0] = False
-        unknown[gaps.first[missing & ~gaps.still]] = True
-    return Driven(values, unknown, gaps.first[missing & gaps.lost])
+        # but for one behind rows that are missing
+        after = np.empty(0, dtype=np.int64) if clock is None else clock.after
+        unknown[gaps.first[~gaps.still & np.isin(gaps.first, after)]] = True
+    return Driven(values, unknown, gaps.first[(gaps.first == gaps.stop) & gaps.lost])
 
 
 def drive_values(recording: Recording) -> NDArray[np.float64]:

@@ -131,3 +131,13 @@ def test_a_bend_of_a_wave_in_a_row_that_is_missing_takes_no_other_rows():
     found = driven(part)
     assert found.leapt.size <= 1
     assert not found.unknown.any()
+
+
+def test_an_empty_cell_behind_rows_that_are_missing_tells_no_more_than_they_do():
+    """Said at the start of its interval: what acted until the cell's own reading was in a row that is missing."""
+    t = 0.001 * np.arange(1000)
+    V = np.where(np.arange(1000) >= 502, 800.0, 0.0)
+    V[505:508] = np.nan
+    part, keep = recording(t, V, "start", range(500, 505))
+    unknown = keep[driven(part).unknown]
+    np.testing.assert_array_equal(unknown[:4], 505 + np.arange(4))
