@@ -25,6 +25,9 @@ _STRAIGHT = 0.02
 _SHORT_S, _EDGE, _RINGS_S = 0.02, 0.2, 0.1
 #: what is left of an unknown stretch after this many times its length is below a part in thirty of its creep
 _FORGET = 10.0
+#: what is forgotten within this share of a recording, or as soon as an edge, is brief; all that is brief takes this
+#: share of a recording at most
+_BRIEF, _MOST = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -123,4 +126,8 @@ def _gaps(
     if is_voltage:
         lost |= (first == 0) & ~still & (stop < n)
     after = np.where(length > _SHORT_S, _FORGET * length, np.where(bend > _EDGE * reach, _RINGS_S, 0.0))
+    # a row here and there of a command that moves at every one would take all of a recording
+    duration = float(time[-1] - time[0])
+    brief = lost & (after <= max(_RINGS_S, _BRIEF * duration))
+    after[brief] *= min(1.0, _MOST * duration / max(float(after[brief].sum()), 1e-300))
     return _Gaps(first, stop, still, lost, end + after)

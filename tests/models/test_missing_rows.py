@@ -141,3 +141,18 @@ def test_an_empty_cell_behind_rows_that_are_missing_tells_no_more_than_they_do()
     part, keep = recording(t, V, "start", range(500, 505))
     unknown = keep[driven(part).unknown]
     np.testing.assert_array_equal(unknown[:4], 505 + np.arange(4))
+
+
+@pytest.mark.parametrize("hold", ["end", "start", "linear"])
+def test_rows_that_are_missing_here_and_there_do_not_take_a_fast_recording(hold):
+    """Each of 40 rows a second takes 12.5 ms behind it, not 100: of the others 1 in exp(0.5) counts, not in exp(4)."""
+    t = 0.001 * np.arange(20000)
+    V = 500.0 * (1.0 - np.cos(2.0 * np.pi * 100.0 * t))
+    part, keep = recording(t, V, hold, 1 + np.random.default_rng(0).permutation(t.size - 2)[:800])
+    counts = ~driven(part).unknown
+    # whole rows, and one more where the command is said at the start
+    assert np.exp(-0.5) - 0.06 < counts.mean() < np.exp(-0.5) + 0.02
+    exact = simulate(MODEL, VALUES, recording(t, V, hold)[0])[keep]
+    error = simulate_nodes(plant_of(MODEL, VALUES, ACTUATOR), make_nodes(part, every_row=True)) - exact
+    assert np.ptp(exact) > 200e-6
+    assert np.sqrt(np.mean(error[counts] ** 2)) < 0.1e-6
