@@ -39,7 +39,8 @@ class Nodes:
     unread: nodes at which the output is to be read off straight between their neighbours. corners (k,): nodes at which
     the command jumps, kinks or turns, of nodes that leave out rows in which it moves: between them the output is to be
     read off as smooth. is_rough: whether they are few (`rough_nodes`). zero_m: of the sensor in this recording, where
-    the end of its range is a reading and not a displacement.
+    the end of its range is a reading and not a displacement. tick (m,): of the recording's clock at each node
+    (`course`); None where no row is missing, and ticks are rows.
     """
 
     time_s: NDArray[np.float64]
@@ -94,8 +95,12 @@ class Nodes:
     @cached_property
     def rows_apart(self) -> NDArray[np.int64]:
         """The same, 0 for the first."""
-        place = self.row if self.tick is None else self.tick
-        return np.diff(place, prepend=place[:1])
+        return np.diff(self.place, prepend=self.place[:1])
+
+    @property
+    def place(self) -> NDArray[np.int64]:
+        """Tick (m,) at each node: its row, where none is missing."""
+        return self.row if self.tick is None else self.tick
 
     @property
     def inputs(self) -> tuple[object, ...]:
@@ -201,8 +206,7 @@ def rough_nodes(recording: Recording) -> Nodes:
     """
     nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0)
     course = course_of(recording)
-    place = nodes.row if nodes.tick is None else nodes.tick
-    bends = np.searchsorted(place, course.beside(corners(course.volts)))
+    bends = np.searchsorted(nodes.place, course.beside(corners(course.volts)))
     return replace(nodes, corners=bends, is_rough=True)
 
 

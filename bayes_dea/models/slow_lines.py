@@ -5,6 +5,8 @@ a row half a row's change behind that line, and what is quick answers the stairc
 every group stay steps of their own: a lag of x rows sees line and staircase differ by a share of 1/(12 x) of a row's
 change at most, and forgets that by exp(-1/x) in each of them. Only the last one is read; between rows that are read
 the output is smooth, but for the corners and turns of the command.
+
+Where rows of a recording are missing all of this is about the ticks of its clock (`course`), those rows among them.
 """
 
 from __future__ import annotations

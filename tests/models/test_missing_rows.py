@@ -77,7 +77,7 @@ def test_a_clock_that_trembles_knows_which_rows_are_missing():
     t, V = triangle()
     lost = [1234, *range(7000, 7003)]
     stamps = t + 1e-4 * np.random.default_rng(1).uniform(-1.0, 1.0, t.size)
-    part, keep = recording(stamps, V, out=lost)
+    part, _ = recording(stamps, V, out=lost)
     clock = clock_of(part.time_s)
     assert not clock.is_even
     np.testing.assert_array_equal(clock.missing, [1, 3])

@@ -263,7 +263,7 @@ class _Search:
     def _thoughts(self, w: Weighed) -> Weighed:
         """The same, or what is likelier once no mode of the base stands in for another effect.
 
-        What leads from there on is looked around from as leaders of a search are, where it leaves something.
+        Where that is another one and leaves something to explain, its modes are put right, too (`put_right`).
         """
         if any(w is c for c in self._considered):
             return w

@@ -59,13 +59,14 @@ _RINGS = 0.03
 #: share of it that may remain, once nothing better takes its place, for rivals to be weighed finely, and for a third
 #: effect to be looked for: of two that are there the wrong second one takes half and less
 _FINELY, REMAINS = 0.5, 0.7
-#: the same of two effects beside which no third one is looked for
+#: the same of two effects beside which no third one is looked for, but for a shift of the readings
 _OF_TWO_DEAR = 0.4
 
 
 def too_dear(effects: Sequence[str]) -> bool:
     """Whether two effects together take so long to simulate that a third one is not looked for beside them.
 
+    A shift of the readings is: it costs nothing.
     A tenth of a second, and some thousand times of it.
     """
     dear = len(DEAR.intersection(effects))
@@ -206,7 +207,7 @@ class _Refits:
         """The value (see `Weighed`) above which a hypothesis is given up.
 
         What is costly and leaves most is no part of an explanation, and takes minutes to look around in. Beside two
-        that are dear no third one is looked for: they explain it, or they do not.
+        that are dear none but a shift of the readings is looked for: they explain most of it, or they do not.
         """
         if self.left <= SMALL or not _COSTLY.intersection(s.effects) - self._there:
             return math.inf
