@@ -43,6 +43,16 @@ def test_the_clock_of_rows_knows_which_are_missing():
     assert clock_of(np.round(t[keep] * 1.024, 6)).step_s == pytest.approx(1.024e-3, rel=1e-6)
 
 
+@pytest.mark.parametrize("lost", [15, 30, 100])
+def test_a_long_hole_in_coarsely_rounded_stamps_is_counted_right(lost):
+    """60 Hz in whole milliseconds: steps of 16 and 17 ms, and a hole of a hundred of them is no 98 of 17."""
+    keep = np.delete(np.arange(20000), np.arange(5000, 5000 + lost))
+    clock = clock_of(np.round(keep / 60.0, 3))
+    assert not clock.is_even
+    assert clock.step_s == pytest.approx(1.0 / 60.0, rel=1e-5)
+    np.testing.assert_array_equal(clock.ticks(np.arange(keep.size)), keep)
+
+
 @pytest.mark.parametrize("time_s", [
     np.cumsum(1e-3 * (1.0 + np.random.default_rng(0).random(500))),  # at any pace
     np.concatenate([0.001 * np.arange(100), 0.1 + 0.1 * np.arange(50)]),  # fast, then slow
