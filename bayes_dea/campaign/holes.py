@@ -14,6 +14,7 @@ from bayes_dea.campaign.schema import Recording
 _LONG = 10.0
 #: steps by which the usual one is judged, and rows looked at at a time
 _JUDGED = _PIECE = 1_000_000
+_UNKNOWN = "nothing is known in between, and readings that may still show what happened there do not count"
 
 
 def holes_in(time: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -53,15 +54,15 @@ def hole_warnings(recordings: Sequence[Recording], where: Sequence[Callable[[int
     if len(found) < MANY:
         return [
             f"{r.name}: time_s has {times(rows.size, 'hole')} longer than ten steps, the first ({_first(r, rows, at)}; "
-            "nothing is known in between."
+            f"{_UNKNOWN}."
             for r, rows, at in found
         ]
     most = sorted(found, key=lambda f: -f[1].size)[:NAMED]
     named = "; ".join(f"{r.name}: {rows.size}, the first ({_first(r, rows, at)}" for r, rows, at in most)
     count = sum(rows.size for _, rows, _ in found)
     return [
-        f"time_s has {times(count, 'hole')} longer than ten steps in {len(found)} recordings, the most in {named}. "
-        "Nothing is known in between."
+        f"time_s has {times(count, 'hole')} longer than ten steps in {len(found)} recordings, the most in {named}; "
+        f"{_UNKNOWN}."
     ]
 
 
