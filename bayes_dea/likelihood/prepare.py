@@ -156,9 +156,11 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     if recording.is_voltage and begins_under_voltage(drive):
         observed[0] = False
     if np.count_nonzero(observed) < 20:
+        lost = 0 if course.unknown is None else int(np.count_nonzero(course.unknown))
+        why = f", and in {lost} rows what drives the actuator is not known; fill it in where it is" if lost else ""
         raise InputError(
             f"{recording.name}: only {np.count_nonzero(observed)} samples of {recording.output} were observed; "
-            "a recording needs at least 20"
+            f"a recording needs at least 20{why}"
         )
     clean = computed(lambda a, seen: np.where(seen, a, np.nan), y, observed)
     mains = find_mains(clean, recording.time_s, drive)

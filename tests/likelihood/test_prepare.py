@@ -77,6 +77,17 @@ def test_what_cannot_be_prepared():
         prepare(campaign(recording), load)
 
 
+def test_too_few_readings_are_told_with_what_is_not_known_of_the_drive():
+    """An edge within empty cells: 60 rows of them, and ten times as long behind them, are all that there is."""
+    t = 0.01 * np.arange(120)
+    V = np.where(t > 0.3, 800.0, 0.0)
+    V[10:70] = np.nan
+    r = recording_from_arrays("r", "voltage", {"time_s": t, "voltage_V": V, "displacement_m": 1e-4 * t}, "identify",
+                              ACTUATOR)
+    with pytest.raises(InputError, match=r"r: only 10 samples .* needs at least 20, and in 110 rows what drives"):
+        prepare(campaign(r), r)
+
+
 def test_workers_change_nothing():
     recordings = tuple(noisy(name=f"r{i}", n=1500 + i) for i in range(3))
     whole = campaign(*recordings)
