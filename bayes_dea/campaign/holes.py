@@ -14,7 +14,6 @@ from bayes_dea.campaign.schema import Recording
 _LONG = 10.0
 #: steps by which the usual one is judged, and rows looked at at a time
 _JUDGED = _PIECE = 1_000_000
-_UNKNOWN = "nothing is known in between, and readings that may still show what happened there do not count"
 
 
 def holes_in(time: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -22,7 +21,7 @@ def holes_in(time: NDArray[np.float64]) -> NDArray[np.intp]:
 
     A log-spaced creep recording has ever longer steps; a hole is long against its neighbours too.
     """
-    median = usual_step(time)
+    median = float(np.median(some_steps(time)))
     found = [np.empty(0, dtype=np.intp)]
     for begin in range(0, time.size - 1, _PIECE):
         before = max(begin - 1, 0)
@@ -39,11 +38,6 @@ def some_steps(time: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(time[some + 1] - time[some])
 
 
-def usual_step(time: NDArray[np.float64]) -> float:
-    """The median of `some_steps`."""
-    return float(np.median(some_steps(time)))
-
-
 def hole_warnings(recordings: Sequence[Recording], where: Sequence[Callable[[int], str]]) -> list[str]:
     """Recording by recording where few have some, in one line where many do. where: says where rows stand."""
     found = []
@@ -54,7 +48,7 @@ def hole_warnings(recordings: Sequence[Recording], where: Sequence[Callable[[int
     if len(found) < MANY:
         return [
             f"{r.name}: time_s has {times(rows.size, 'hole')} longer than ten steps, the first ({_first(r, rows, at)}; "
-            f"{_UNKNOWN}."
+            "nothing is known in between."
             for r, rows, at in found
         ]
     most = sorted(found, key=lambda f: -f[1].size)[:NAMED]
@@ -62,7 +56,7 @@ def hole_warnings(recordings: Sequence[Recording], where: Sequence[Callable[[int
     count = sum(rows.size for _, rows, _ in found)
     return [
         f"time_s has {times(count, 'hole')} longer than ten steps in {len(found)} recordings, the most in {named}; "
-        f"{_UNKNOWN}."
+        "nothing is known in between."
     ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
-from .clock import Clock, clock_of
+from .clock import Clock
 from .missing_drive import driven
 
 Array = NDArray[np.float64]
@@ -73,7 +73,8 @@ class Course:
 
 def course_of(recording: Recording) -> Course:
     """The course of a recording with a `voltage_V` column."""
-    clock, found = clock_of(recording.time_s), driven(recording)
+    found = driven(recording)
+    clock = found.clock
     volts = np.asarray(found.values, float)
     if clock is not None and clock.after.size > 0:
         tick = clock.ticks(np.arange(clock.n))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
 from ..campaign.scratch import all_finite, computed, kept, rows_where
-from .clock import clock_of
+from .clock import Clock, clock_of
 
 #: a course bends by less than this share of its range over a gap and as long before and after: it went straight
 _STRAIGHT = 0.02
@@ -34,11 +34,12 @@ _BRIEF, _MOST = 0.1, 0.5
 class Driven:
     """What drove a recording. values (n,): its column without gaps, V or m. unknown (n,): rows whose answer depends on
     what nobody recorded; None where there are none. leapt (k,): rows behind rows that are missing, in which it neither
-    stood still nor went straight."""
+    stood still nor went straight. clock: of the recording, None where it has none."""
 
     values: NDArray[np.float64]
     unknown: NDArray[np.bool_] | None = None
     leapt: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    clock: Clock | None = None
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def driven(recording: Recording) -> Driven:
     clock = clock_of(time)
     holes = np.empty(0, dtype=np.int64) if clock is None else clock.after
     if all_finite(x) and not holes.size:
-        return Driven(x)
+        return Driven(x, clock=clock)
     known = computed(np.isfinite, x, dtype=np.bool_)
     # beside an empty cell they are part of its gap
     holes = holes[known[holes - 1] & known[holes]]
@@ -83,7 +84,7 @@ def driven(recording: Recording) -> Driven:
         # but for one behind rows that are missing
         after = np.empty(0, dtype=np.int64) if clock is None else clock.after
         unknown[gaps.first[~gaps.still & np.isin(gaps.first, after)]] = True
-    return Driven(values, unknown, gaps.first[(gaps.first == gaps.stop) & gaps.lost])
+    return Driven(values, unknown, gaps.first[(gaps.first == gaps.stop) & gaps.lost], clock)
 
 
 def drive_values(recording: Recording) -> NDArray[np.float64]:
