@@ -22,6 +22,7 @@ from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from . import second_look
 from .ask import first_experiment, next_experiment, sharpening_experiment, stated_scatter
+from .held_gains import held_gains
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
@@ -183,6 +184,10 @@ def _once(
         against = second_look.contradiction(
             explained, seen.pieces, ready.prior, ready.limit, r_look, ready.resolution_m
         )
+    if against is not None and against.together is not None and not seen.loose:
+        gains = held_gains(ready, found, against.together, dict(priors or {}), r_look, say)
+        if gains is not None:
+            found, against = replace(found, gains=gains), None
     lap("prove")
     say("asking", 0, 1, "the next experiment")
     ask = _ask(found, stated_scatter(ready.campaign), lambda *at: say("asking", *at))
@@ -215,8 +220,9 @@ def _once(
         lap("write")
         summary["seconds"] = sum(lap.seconds.values())
         summary["seconds_by"] = lap.seconds
-        said = (*seen.notes, *found.timing())
-        return Diagnosis(assembled, base, corrected, naming, proved, found.looks, summary, against, said, seen.loose)
+        said = (*seen.notes, *([] if found.gains is None else [found.gains.note()]), *found.timing())
+        p_value = None if against is None else against.p_value
+        return Diagnosis(assembled, base, corrected, naming, proved, found.looks, summary, p_value, said, seen.loose)
 
     def sampled() -> Diagnosis:
         lap.begin()  # it may have been put off

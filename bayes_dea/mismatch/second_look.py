@@ -7,7 +7,7 @@ explanation fitted to all recordings, and the scan over what is left.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,19 @@ from .search.hypotheses import NONE
 from .where.locate import ADEQUATE, scan
 
 
+@dataclass(frozen=True)
+class Contradiction:
+    """What all recordings together say against an explanation. together: it fitted to them; None where that failed."""
+
+    p_value: float
+    together: Fit | None
+
+
 def contradiction(
     corrected: Fit, pieces: tuple[Piece, ...], prior: NoisePrior, limit: Limit | None, rng: np.random.Generator,
     resolution: float,
-) -> float | None:
-    """p-value of what an explanation leaves in all recordings together, where it is one that refutes it; else None.
+) -> Contradiction | None:
+    """What an explanation leaves in all recordings together, where it is something that refutes it; else None.
 
     corrected: the explanation, fitted to the recordings to identify, adequate there. resolution: of the sensor (m).
     """
@@ -42,13 +50,15 @@ def contradiction(
     problem = replace(opened.problem, pieces=pieces)
     together = refit(problem, opened.q, corrected.noise, prior, known=_known(opened, problem))
     if together is None:
-        return 0.0
+        return Contradiction(0.0, None)
     found = scan(together, rng)
     if not found.nothing_claimed:
-        return found.p_value
+        return Contradiction(found.p_value, together)
     # what swings on a plateau is too thin for any window in time, and most plateaus may be those to validate
     swings = swinging(together, resolution) if limit is None else None
-    return swings.p_value if swings is not None and swings.p_value <= ADEQUATE else None
+    if swings is None or swings.p_value > ADEQUATE:
+        return None
+    return Contradiction(swings.p_value, together)
 
 
 def _known(fit: Fit, problem: Problem) -> Linearisation | None:

@@ -61,8 +61,8 @@ class Gains:
         return (
             f"the sensor's gain differs from recording to recording: {a} reads {self._of(a)} and {b} {self._of(b)} "
             f"times what all lead to expect, {allowed} its stated accuracy (+-{100 * self.limit:.2g} %); no physics "
-            "brings them together. Each was given a gain of its own; check what was moved or set anew in between, and "
-            "give each recording to identify a specimen of its own, so that calibrate does the same"
+            "brings them together, a gain of each does. Check what was moved or set anew in between, and give each "
+            "recording a specimen of its own, so that calibrate allows for that"
         )
 
     def _of(self, name: str) -> str:

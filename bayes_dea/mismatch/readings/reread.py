@@ -36,7 +36,7 @@ _FEW, _TOO_MUCH = 4, 3.0
 _NEARLY = 0.7
 #: a recording of another actuator differs from the others by this share at least, and by so many standard errors; more
 #: of one to validate, of which nothing but its size is looked at
-_DIFFERENT, _SIGMAS, _SIGMAS_UNSEEN = 0.02, 5.0, 8.0
+DIFFERENT, _SIGMAS, _SIGMAS_UNSEEN = 0.02, 5.0, 8.0
 #: squares of residuals a block beyond which a refit without one recording leaves more than noise, before a scan says so
 _TOO_LARGE = 1.5
 
@@ -122,7 +122,7 @@ def odd_one_out(
 
 def _another(ratio: float, se: float, share: float = 1.0) -> bool:
     """Whether a displacement is so unlike what the others lead to expect that it may be another actuator's."""
-    return abs(ratio - 1.0) >= share * max(_DIFFERENT, _SIGMAS * se)
+    return abs(ratio - 1.0) >= share * max(DIFFERENT, _SIGMAS * se)
 
 
 def _near(fit: Fit, rest: Problem, left_out: int, prior: NoisePrior) -> Fit | None:
@@ -248,7 +248,7 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
     found = _sizes(fit, [*used, *unseen], tell)
     se = _spread(found[: len(used)])
     for piece, ratio in zip(unseen, found[len(used) :], strict=True):
-        if abs(ratio - 1.0) > max(_DIFFERENT, _SIGMAS_UNSEEN * se):
+        if abs(ratio - 1.0) > max(DIFFERENT, _SIGMAS_UNSEEN * se):
             out.append(Foreign(piece.name, ratio, se))
     return out
 

@@ -52,12 +52,12 @@ Array = NDArray[np.float64]
 #: nats that can be seen: by which an effect's likelihood varies over its grid, or a discrepancy is better than none
 _VISIBLE = 5.0
 #: nats that a grid has to promise for a second effect beside one that leaves nothing to be seen
-_HIDDEN = 8.0
+HIDDEN = 8.0
 #: share of what is left that a grid promises for an effect which is in the recordings, at least
 _PROMISES = 1.0 / 3.0
 #: share of the evidence of another reading that a grid, coarse as it is, has to promise for a further effect to be a
 #: rival of that
-_NEARLY = 0.75
+NEARLY = 0.75
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
 #: nats behind the likeliest within which others are known of when a search begins anew
@@ -321,7 +321,7 @@ class _Search:
         """Further effects that may hide beside the best. free: it without a mode that stands in for one."""
         best = self.best.weighed
         start = free or best
-        more = beside(start, self.quest, _HIDDEN if free is None else LEAST_GAIN)
+        more = beside(start, self.quest, HIDDEN if free is None else LEAST_GAIN)
         more = [replace(t, size_m=effect_size(best.fit, t.fit)) for t in more if t.fit is not start.fit]
         # one that adds nothing to what is enough without it is no rival of that
         more = self._taken([t for t in more if t.log_evidence > best.log_evidence])
@@ -338,7 +338,7 @@ class _Search:
         first_of_all = len(start.effects) == 1
         taken = self._otherwise(start.fit)
         promised = promised_beside(start, self.quest) if taken > 0.0 else 0.0
-        if promised < _NEARLY * taken:
+        if promised < NEARLY * taken:
             self.put_off = promised >= _PROMISES * taken
             return []
         start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
