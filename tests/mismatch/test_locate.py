@@ -21,6 +21,7 @@ from bayes_dea.mismatch.where.locate import (
     places_of,
     residuals,
     scan,
+    sd_of,
 )
 from bayes_dea.noise.blocks import block_means
 
@@ -137,8 +138,9 @@ def test_the_sds_of_windows_are_those_of_drawn_noise(base):
     fit = base.base
     places, r = places_of(fit.problem.pieces, np.random.default_rng(1), base.looks), residuals(fit)
     assert {w.piece < 0 for w in places.windows} == {True, False}
-    drawn = places.rows @ r.project(np.random.default_rng(5).standard_normal((r.e.size, 4000)))
-    sd = places.sd(r)
+    noise = r.project(np.random.default_rng(5).standard_normal((r.e.size, 4000)))
+    drawn = places.rows(np.arange(len(places.windows))) @ noise
+    sd = sd_of(places, r)
     assert np.max(np.abs(np.sqrt(np.mean(drawn**2, axis=1)) - sd)) < 6 / np.sqrt(2 * 4000)
     assert np.ptp(sd[places.across]) > 0.1
 

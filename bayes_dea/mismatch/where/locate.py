@@ -13,7 +13,6 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from operator import itemgetter
 from typing import Any
 
@@ -21,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import whiten
-from .features import HARMONICS, SINCE_EDGE, Features, features
+from .features import Features
 from .size import STEP_M
+from .windows import Places, Window, Windows, places_of, weights_of
 
 Array = NDArray[np.float64]
 
@@ -34,14 +33,12 @@ ADEQUATE = 1e-3
 
 #: family-wise false-alarm rate at which a mismatch counts as found
 FAMILY_WISE = 0.01
-#: draws of the noise, and how many times as many where a p-value lies within this factor of one that is asked for
+#: draws of the noise, and how many times as many where a p-value lies within this factor of one that is asked for; few
+#: draws are enough where it lies farther off than the third
 _DRAWS, _MORE, _NEAR = 240, 4, 3.0
-#: blocks of a recording that a drift is looked for in, at least
-_DRIFTS = 16
-#: intervals of mismatch that are told, the strongest, and periods of a wave that are looked at one by one
+_FEW, _FAR = 72, 30.0
+#: intervals of mismatch that are told, the strongest
 _TOLD = 40
-_WAY = {1: "rising", -1: "falling"}
-_SMALLEST = 4  # blocks in the shortest window
 #: sd below which a window is one that the fit could absorb: it says nothing
 _ABSORBED = 0.2
 #: how many of the highest windows may refute a fit at once, and the chance below which that is beyond doubt: a
@@ -70,7 +67,8 @@ class Residuals:
         for i, N in enumerate(self.local):
             part = slice(self.start[i], self.start[i + 1])
             out[part] -= N @ (N.T @ out[part])
-        return out - self.basis @ (self.basis.T @ out)
+        out -= self.basis @ (self.basis.T @ out)
+        return out
 
     def spread(self, parts: list[Array]) -> Array:
         """Columns (n, k) of what is known by block of each piece (k, nb)."""
@@ -78,11 +76,6 @@ class Residuals:
         for begin, part in zip(self.start, parts, strict=False):
             out[begin : begin + part.shape[1]] = part.T
         return out
-
-
-def weights_of(piece: Piece) -> Array:
-    """Weights (nb + m,) of a piece, see `Residuals`."""
-    return np.concatenate([np.sqrt(piece.blocks.count), np.zeros(piece.nuisance_sd.size)])
 
 
 def residuals(fit: Fit) -> Residuals:
@@ -113,18 +106,6 @@ def residuals(fit: Fit) -> Residuals:
 
 
 @dataclass(frozen=True)
-class Window:
-    """One place looked at."""
-
-    family: str
-    piece: int  # -1: over several recordings
-    what: str
-    t0_s: float
-    t1_s: float
-    key: str
-
-
-@dataclass(frozen=True)
 class Scan:
     """Result of the search: p-value of the largest statistic, and every window's own."""
 
@@ -132,7 +113,7 @@ class Scan:
     largest: float
     threshold: float  # at the family-wise rate
     z: Array = field(repr=False)  # (windows,) signed, in the unit of their sd
-    windows: tuple[Window, ...] = field(repr=False)
+    windows: Windows = field(repr=False)
     reduced_chi2: float
     n: int
     steps: float = math.inf  # the most that a window beyond the threshold shows, in steps of the sensor's resolution
@@ -148,57 +129,13 @@ class Scan:
         return self.p_value > ADEQUATE or self.steps < 1.0
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where recordings are looked at: windows as unit rows of a matrix. They depend on the recordings, on no fit.
-
-    seed: of the noise that residuals are held against, the same for all fits; near a threshold two judgements of one
-    fit would differ by it otherwise.
-    """
-
-    rows: csr_matrix = field(repr=False)  # (windows, n), see `Residuals`
-    windows: tuple[Window, ...] = field(repr=False)
-    seed: int
-
-    @cached_property
-    def across(self) -> NDArray[np.int64]:
-        """Indices of the windows over several recordings."""
-        return np.flatnonzero([w.piece < 0 for w in self.windows])
-
-    def only(self, chosen: Sequence[int]) -> Places:
-        """Some of the windows."""
-        return replace(self, rows=self.rows[chosen], windows=tuple(self.windows[k] for k in chosen))
-
-    def sd(self, res: Residuals) -> Array:
-        """(windows,) sds of the windows under the null: what is left of them after the projection."""
-        # columns of different recordings side by side: a window in one of them sees only its own
-        most = max(N.shape[1] for N in res.local)
-        beside = np.zeros((res.e.size, most))
-        for begin, N in zip(res.start, res.local, strict=False):
-            beside[begin : begin + len(N), : N.shape[1]] = N
-        taken = np.sum((self.rows @ np.hstack([beside, res.basis])) ** 2, axis=1)
-        wide = self.rows[self.across]
-        taken[self.across] = np.sum((wide @ res.basis) ** 2, axis=1)
-        for i, N in enumerate(res.local):
-            taken[self.across] += np.sum((wide[:, res.start[i] : res.start[i + 1]] @ N) ** 2, axis=1)
-        return np.sqrt(np.maximum(1.0 - taken, 0.0))
-
-
-def places_of(
-    pieces: Sequence[Piece], rng: np.random.Generator, looks: Sequence[Features] | None = None
-) -> Places:
-    """The windows of recordings; rng: draws the seed of their noise."""
-    rows = _windows(pieces, looks or [features(p) for p in pieces])
-    return Places(rows.matrix(), tuple(rows.windows), int(rng.integers(2**63)))
-
-
 def scan(fit: Fit, rng: np.random.Generator, places: Places | None = None, draws: int = _DRAWS) -> Scan:
     """Search a fit's residuals for a mismatch.
 
     places: those of its recordings, where they are known already; rng: for a seed of their noise where not.
     """
     places, res = places or places_of(fit.problem.pieces, rng), residuals(fit)
-    sd = places.sd(res)
+    sd = sd_of(places, res)
     found = _scan(res, places, draws, sd)
     return replace(found, steps=_steps(fit, res, places, sd, found))
 
@@ -207,12 +144,38 @@ def is_adequate(fit: Fit, rng: np.random.Generator, places: Places | None = None
     """Whether a scan of a fit finds nothing significant. Where a few windows say no beyond doubt none is drawn."""
     places = places or places_of(fit.problem.pieces, rng)
     res = residuals(fit)
-    size = np.abs(places.rows @ res.e)  # in units of at least their sd
+    size = np.abs(places.times(res.e))  # in units of at least their sd
     # Bonferroni: so far beyond what so many windows reach by chance no draws are needed
     far = [k for k in np.argsort(size)[-_HIGHEST:] if size.size * math.erfc(size[k] / math.sqrt(2.0)) < _BEYOND_DOUBT]
-    if far and np.any(places.only(far).sd(res) > _ABSORBED):
+    if far and np.any(_sd_of_rows(places.rows(far), res, [places.windows[int(k)].piece for k in far]) > _ABSORBED):
         return False
-    return _scan(res, places, _DRAWS, places.sd(res)).p_value > ADEQUATE
+    return _scan(res, places, _DRAWS, sd_of(places, res)).p_value > ADEQUATE
+
+
+def sd_of(places: Places, res: Residuals) -> Array:
+    """(windows,) sds of the windows under the null: what is left of them after the projection."""
+    # columns of different recordings side by side: a window in one of them sees only its own
+    taken, most = np.zeros(len(places.windows)), max(N.shape[1] for N in res.local)
+    for j in range(most):
+        beside = np.zeros(res.e.size)
+        for begin, N in zip(res.start, res.local, strict=False):
+            beside[begin : begin + len(N)] = N[:, j] if j < N.shape[1] else 0.0
+        taken += places.times(beside) ** 2
+    for column in res.basis.T:
+        taken += places.times(column) ** 2
+    out = np.sqrt(np.maximum(1.0 - taken, 0.0))
+    out[places.across] = _sd_of_rows(places.rows(places.across), res, [-1] * places.across.size)
+    return out
+
+
+def _sd_of_rows(rows: csr_matrix, res: Residuals, piece: Sequence[int]) -> Array:
+    """The same of windows as rows (k, n), in one piece each or across several (-1)."""
+    taken = np.sum((rows @ res.basis) ** 2, axis=1)
+    of = np.asarray(piece)
+    for i, N in enumerate(res.local):
+        own = np.flatnonzero((of == i) | (of < 0))
+        taken[own] += np.sum((rows[own, res.start[i] : res.start[i + 1]] @ N) ** 2, axis=1)
+    return np.sqrt(np.maximum(1.0 - taken, 0.0))
 
 
 def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> float:
@@ -229,30 +192,42 @@ def _steps(fit: Fit, res: Residuals, places: Places, sd: Array, found: Scan) -> 
         sigma, rho = fit.noise.of(piece)
         step = piece.prepared.sensor.resolution or (STEP_M if piece.channel == "displacement" else 0.0)
         unit[res.start[i] : res.start[i + 1]] = sigma * math.sqrt((1 + rho) / (1 - rho)) / step if step else math.inf
-    rows = places.rows[beyond]
-    weights = res.weights[rows.indices]
-    each, shown = np.zeros(weights.size), (weights > 0) & (rows.data != 0)
-    each[shown] = np.abs(rows.data[shown]) / weights[shown] * unit[rows.indices[shown]]
-    peak = np.maximum.reduceat(each, rows.indptr[:-1])
+    flat, many = places.windows.flat, places.inverse.size
+    # all that a flat window shows is of one size
+    peak = np.empty(beyond.size)
+    is_flat = beyond < many
+    own = beyond[is_flat]
+    peak[is_flat] = places.inverse[own] * unit[flat.begin[own]]
+    peak[~is_flat] = _peaks(places.rows(beyond[~is_flat]), res.weights, unit)
     return float(np.max(np.abs(found.z[beyond]) / np.maximum(sd[beyond], _ABSORBED) * peak))
+
+
+def _peaks(rows: csr_matrix, weights: Array, unit: Array) -> Array:
+    """Largest value (k,) of each of the shapes rows (k, n), in the unit (n,) of its readings."""
+    if not rows.shape[0]:
+        return np.empty(0)
+    root = weights[rows.indices]
+    each, shown = np.zeros(root.size), (root > 0) & (rows.data != 0)
+    each[shown] = np.abs(rows.data[shown]) / root[shown] * unit[rows.indices[shown]]
+    return np.asarray(np.maximum.reduceat(each, rows.indptr[:-1]))
 
 
 def _scan(res: Residuals, places: Places, draws: int, sd: Array) -> Scan:
     rng = np.random.default_rng(places.seed)
     use = sd > _ABSORBED
     scale = np.where(use, 1.0 / np.maximum(sd, _ABSORBED), 0.0)
-    z = (places.rows @ res.e) * scale
+    z = places.times(res.e) * scale
     top = float(np.max(z**2))
     largest = np.empty(0)
     # a p-value near one that something hangs on is worked out with more
-    for count in (draws, (_MORE - 1) * draws):
-        largest = np.concatenate([largest, _largest(res, rng, places, count, scale)])
+    for upto, margin in ((min(_FEW, draws), _FAR), (draws, _NEAR), (_MORE * draws, 1.0)):
+        largest = np.concatenate([largest, _largest(res, rng, places, upto - largest.size, scale)])
         # Gumbel by moments in the square, where the tail of a normal maximum is exponential
         x = largest**2
         beta = float(np.std(x, ddof=1)) * math.sqrt(6) / math.pi
         mu = float(np.mean(x)) - 0.5772156649 * beta
         p = -math.expm1(-math.exp(min((mu - top) / beta, 700.0))) if (mu - top) / beta > -700 else 0.0
-        if not any(limit / _NEAR < p < limit * _NEAR for limit in (ADEQUATE, FAMILY_WISE)):
+        if not any(limit / margin < p < limit * margin for limit in (ADEQUATE, FAMILY_WISE)):
             break
     threshold = math.sqrt(mu - beta * math.log(-math.log1p(-FAMILY_WISE)))
     dof = res.e.size - res.basis.shape[1] - sum(N.shape[1] for N in res.local)
@@ -273,181 +248,15 @@ def _largest(res: Residuals, rng: np.random.Generator, places: Places, draws: in
     for begin in range(0, draws, 24):
         k = min(24, draws - begin)
         noise = res.project(rng.standard_normal((res.e.size, k)))
-        out[begin : begin + k] = np.max(np.abs(places.rows @ noise) * scale[:, None], axis=0)
+        out[begin : begin + k] = places.highest(noise, scale)
     return out
-
-
-class _Rows:
-    """Rows of a sparse matrix, each normalised to one."""
-
-    def __init__(self, weights: Array) -> None:
-        """weights: see `Residuals`."""
-        self.weights = weights
-        self.index: list[NDArray[np.int64]] = []
-        self.value: list[Array] = []
-        self.sizes: list[int] = []
-        self.windows: list[Window] = []
-
-    def add(self, index: NDArray[np.int64], shape: Array | None, window: Window) -> None:
-        """One window with a shape."""
-        if index.size < _SMALLEST:
-            return
-        v = self.weights[index] * (1.0 if shape is None else shape)
-        norm = float(np.linalg.norm(v))
-        if norm > 0:
-            self.index.append(index)
-            self.value.append(v / norm)
-            self.sizes.append(index.size)
-            self.windows.append(window)
-
-    def add_all(self, begin: int, nb: int, t: Array, piece: int) -> None:
-        """Flat windows in time of every length by powers of two, each overlapping half of the next."""
-        size = _SMALLEST
-        while size <= nb:
-            first = np.arange(0, nb - size + 1, max(size // 2, 1))
-            index = begin + first[:, None] + np.arange(size)
-            v = self.weights[index]
-            self.index.append(index.ravel())
-            self.value.append((v / np.linalg.norm(v, axis=1, keepdims=True)).ravel())
-            self.sizes += [size] * first.size
-            ends = zip(t[first].tolist(), t[first + size - 1].tolist(), strict=True)
-            self.windows += [Window("time", piece, "", a, b, "") for a, b in ends]
-            size *= 2
-
-    def matrix(self) -> csr_matrix:
-        """(windows, n)"""
-        ends = np.concatenate([[0], np.cumsum(self.sizes)])
-        return csr_matrix(
-            (np.concatenate(self.value), np.concatenate(self.index), ends), shape=(len(self.sizes), self.weights.size)
-        )
-
-
-def _windows(pieces: Sequence[Piece], looks: Sequence[Features]) -> _Rows:
-    weights = [weights_of(p) for p in pieces]
-    start = np.concatenate([[0], np.cumsum([w.size for w in weights])]).astype(np.int64)
-    rows = _Rows(np.concatenate(weights))
-    edge_bins: dict[tuple[str, int, int], list[NDArray[np.int64]]] = {}
-    level_bins: dict[tuple[str, int], list[NDArray[np.int64]]] = {}
-    way_bins: dict[str, list[NDArray[np.int64]]] = {}
-    top = max(
-        (float(np.max(f.level)) for p, f in zip(pieces, looks, strict=True) if p.channel == "displacement"),
-        default=0.0,
-    ) or 1.0
-    for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
-        begin, nb = int(start[i]), piece.blocks.n
-        t = f.time_s
-        rows.add_all(begin, nb, t, i)
-        if nb >= _DRIFTS:
-            x = np.linspace(-1, 1, nb)
-            every = np.arange(begin, begin + nb)
-            rows.add(every, x, Window("trend", i, "a drift over the recording", float(t[0]), float(t[-1]), "drift"))
-        if f.frequency_Hz > 0:
-            inside = np.flatnonzero(np.isfinite(f.phase))
-            for k in range(1, HARMONICS + 1):
-                for name, wave in (("cos", np.cos), ("sin", np.sin)):
-                    rows.add(
-                        begin + inside,
-                        wave(2 * np.pi * k * f.phase[inside]),
-                        Window(
-                            "frequency",
-                            i,
-                            f"harmonic {k} of {f.frequency_Hz:.3g} Hz ({name})",
-                            float(t[inside[0]]),
-                            float(t[inside[-1]]),
-                            f"{f.frequency_Hz:.3g}:{k}",
-                        ),
-                    )
-            for repeat in range(int(f.repetition.max()) + 1):
-                own = np.flatnonzero(f.repetition == repeat)
-                if own.size >= _SMALLEST and repeat < _TOLD:
-                    for name, shape in (
-                        ("level", None),
-                        ("sin", np.sin(2 * np.pi * f.phase[own])),
-                        ("cos", np.cos(2 * np.pi * f.phase[own])),
-                    ):
-                        rows.add(
-                            begin + own,
-                            shape,
-                            Window(
-                                "repetition",
-                                i,
-                                f"period {repeat + 1} ({name})",
-                                float(t[own[0]]),
-                                float(t[own[-1]]),
-                                str(repeat + 1),
-                            ),
-                        )
-        prefix = piece.channel
-        for rising in (1, -1):
-            for j in range(SINCE_EDGE.size - 1):
-                own = np.flatnonzero(
-                    (f.since_edge_s >= SINCE_EDGE[j])
-                    & (f.since_edge_s < SINCE_EDGE[j + 1])
-                    & (np.sign(f.jump) == rising)
-                )
-                if own.size:
-                    edge_bins.setdefault((prefix, rising, j), []).append(begin + own)
-                    rows.add(
-                        begin + own,
-                        None,
-                        Window(
-                            "edge",
-                            i,
-                            f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {_WAY[rising]} edges",
-                            float(t[own[0]]),
-                            float(t[own[-1]]),
-                            f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
-                        ),
-                    )
-        if prefix == "displacement":
-            for j in range(6):
-                own = np.flatnonzero((f.level >= top * j / 6) & (f.level < top * (j + 1) / 6 + (1e-9 if j == 5 else 0)))
-                if own.size:
-                    level_bins.setdefault((prefix, j), []).append(begin + own)
-        for name, chosen in (("up", f.speed > 0.05), ("down", f.speed < -0.05)):
-            own = np.flatnonzero(chosen & np.isinf(f.since_edge_s) | chosen & (f.since_edge_s > 0.01))
-            if own.size:
-                way_bins.setdefault(name, []).append(begin + own)
-                rows.add(
-                    begin + own,
-                    None,
-                    Window("direction", i, f"while the input goes {name}", float(t[own[0]]), float(t[own[-1]]), name),
-                )
-    for (_prefix, rising, j), parts in edge_bins.items():
-        if len(parts) > 1:
-            word = "rising" if rising > 0 else "falling"
-            rows.add(
-                np.concatenate(parts),
-                None,
-                Window(
-                    "edge",
-                    -1,
-                    f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {word} edges",
-                    0.0,
-                    0.0,
-                    f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
-                ),
-            )
-    for (_prefix, j), parts in level_bins.items():
-        rows.add(
-            np.concatenate(parts),
-            None,
-            Window(
-                "voltage", -1, f"{top * j / 6:.0f}-{top * (j + 1) / 6:.0f} V", 0.0, 0.0, f"{top * (j + 0.5) / 6:.0f}"
-            ),
-        )
-    for name, parts in way_bins.items():
-        rows.add(np.concatenate(parts), None, Window("direction", -1, f"while the input goes {name}", 0.0, 0.0, name))
-    return rows
 
 
 def where(fit: Fit, found: Scan, looks: list[Features]) -> list[dict[str, Any]]:
     """Mismatch intervals: windows in time beyond the threshold, merged, the strongest first (CONTRACT 4)."""
-    hits = [
-        (abs(float(found.z[k])), w)
-        for k, w in enumerate(found.windows)
-        if w.family == "time" and abs(found.z[k]) > found.threshold
-    ]
+    flat = found.windows.flat
+    beyond = np.flatnonzero(np.abs(found.z[: flat.begin.size]) > found.threshold)
+    hits = [(abs(float(found.z[k])), flat.window(int(k))) for k in beyond]
     hits.sort(key=lambda h: (-h[0] / math.sqrt(max(h[1].t1_s - h[1].t0_s, 1e-3)), h[1].t0_s))
     out = []
     for strength, w in sorted(_apart(hits), key=lambda h: -h[0])[:_TOLD]:
@@ -508,8 +317,12 @@ def excess_by(fit: Fit, found: Scan) -> dict[str, dict[str, float]]:
         "direction": "direction",
         "repetition": "repetition",
     }
-    for k, w in enumerate(found.windows):
-        z = round(abs(float(found.z[k])), 2)
+    flat = found.windows.flat
+    many = flat.begin.size
+    for i in np.unique(flat.piece):
+        out["recording"][names[i]] = round(float(np.max(np.abs(found.z[:many][flat.piece == i]))), 2)
+    for value, w in zip(found.z[many:], found.windows.shaped, strict=True):
+        z = round(abs(float(value)), 2)
         if w.piece >= 0:
             own = out["recording"]
             own[names[w.piece]] = max(own.get(names[w.piece], 0.0), z)
