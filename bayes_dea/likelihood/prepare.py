@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..campaign.pace import pace_of
 from ..campaign.rhythm import reading_every, with_a_reading
 from ..campaign.schema import Campaign, Recording, Sensor
-from ..campaign.scratch import BLOCK, beside, computed, pieces
+from ..campaign.scratch import BLOCK, beside, computed, pieces, rows_where
 from ..errors import InputError
 from ..models.missing_drive import drive_values, driven
 from ..noise.stated import signal_size
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 CHANNELS = {"displacement_m": "displacement", "force_N": "force"}
 #: readings at rest that say how large the noise is and how correlated (to 3 %, and to 0.05)
 _AT_REST = 512
+#: readings in a row whose absence ends no block, as long as no more than this share of all is missing like that: the
+#: variance of a block's mean then comes out too large by about that share where noise is correlated
+_SHORT_GAP, _RARE = 20, 0.1
 #: share of the largest voltage that a recording may begin with and count as begun at rest: its square is nothing
 _AT_NOTHING = 0.01
 
@@ -66,12 +69,15 @@ class Prepared:
 
     @cached_property
     def masked(self) -> NDArray[np.bool_]:
-        """Rows (n,) that were recorded but do not count; what a slow sensor was not read at is no gap either."""
+        """Rows (n,) that do not count in the block that they lie in: recorded ones that are not observed, what a slow
+        sensor was not read at, and readings that are missing here and there."""
         out = computed(lambda y, seen: ~seen & np.isfinite(y), self.y, self.observed, dtype=np.bool_)
         unread = beside(self.y, np.bool_)
         unread[:] = True
-        unread[with_a_reading(self.y)] = False
+        read = with_a_reading(self.y)
+        unread[read] = False
         out |= unread
+        _mark_short_gaps(out[read], self.y[read])
         return out
 
     @cached_property
@@ -175,6 +181,21 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
         observed = computed(lambda seen, out: seen & ~out, observed, stuck, dtype=np.bool_) if held else observed
     masked = int(np.count_nonzero(dropouts))
     return Prepared(recording, channel, sensor, y, observed, masked, mains, quiet.sd, quiet.rho, quiet.n, held)
+
+
+def _mark_short_gaps(out: NDArray[np.bool_], y: NDArray[np.float64]) -> None:
+    """Set out (n,) where a few readings of y (n,) are missing between others.
+
+    A block that ended at each of them would begin with single readings behind it: 1 % missing made hundreds of times as
+    many blocks of a creep. Where many are missing, blocks of correlated noise would be less certain than they are.
+    """
+    turns = rows_where(lambda a, b: np.isfinite(a) != np.isfinite(b), y[1:], y[:-1]) + 1
+    first = turns[int(y.size > 0 and not np.isfinite(y[0])) :]  # a gap that the recording begins with ends there
+    gaps = [(a, b) for a, b in zip(first[::2], first[1::2], strict=False) if b - a <= _SHORT_GAP]
+    if sum(b - a for a, b in gaps) > _RARE * y.size:
+        return
+    for a, b in gaps:
+        out[a:b] = True
 
 
 def begins_under_voltage(drive: NDArray[np.float64]) -> bool:

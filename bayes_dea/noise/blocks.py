@@ -160,9 +160,14 @@ def _cut(t, u, good, edge, alone, tolerance, noise, growth, longest, single, ste
             fresh = True
             continue
         if fresh:
+            # behind a gap in which the input stood still, blocks go on to grow from where they did
+            stands = k > 0 and not edge[i]
+            for j in range(stop[k - 1] if stands else i, i):
+                stands = stands and not edge[j] and abs(u[j] - u[i]) <= noise * 8.0
             previous = t[i] - step
-            origin = previous
-            since = single
+            if not stands:
+                origin = previous
+                since = single
             fresh = False
         if edge[i]:
             origin = previous

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from small_records import ACTUATOR, SENSOR, voltage_record
 
 from bayes_dea.campaign import Sensor, campaign_from_recordings, recording_from_arrays
 from bayes_dea.errors import InputError
 from bayes_dea.likelihood.prepare import prepare, prepare_all, rate_classes
+from bayes_dea.noise.blocks import BlockSettings, block_means, block_whiten, log_blocks
 
 
 def noisy(n=2000, gaps=(), spikes=(), kind="voltage", name="r"):
@@ -50,6 +52,39 @@ def test_drop_outs_do_not_end_what_is_known_of_the_noise():
     assert b.quiet_sd == pytest.approx(4e-6, rel=0.03)
     (again,) = prepare_all(campaign(spoiled), (spoiled,))
     assert (again.quiet_n, again.quiet_sd) == (b.quiet_n, b.quiet_sd)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_readings_that_are_missing_here_and_there_make_no_blocks(rho):
+    """A fiftieth of them: as many blocks as with all, whose means scatter as they are said to, within three sds."""
+    rng = np.random.default_rng(4)
+    n = 200_000
+    t = 0.001 * np.arange(n)
+    V = np.where(t > 1.0, 1000.0, 0.0)
+    e = lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], rng.standard_normal(n))
+    out = rng.random(n) < 0.02
+    out[100_000:100_050] = True  # too many in a row for that
+
+    def prepared_from(y):
+        columns = {"time_s": t, "voltage_V": V, "displacement_m": y}
+        r = recording_from_arrays("r", "voltage", columns, "identify", ACTUATOR)
+        return prepare(campaign(r), r)
+
+    settings = BlockSettings(longest_s=0.2)
+    whole, holed = (prepared_from(4e-6 * y) for y in (e, np.where(out, np.nan, e)))
+    a, b = (log_blocks(t, V, settings, y=p.y, mask=p.masked) for p in (whole, holed))
+    assert abs(b.n - a.n) < 5
+    assert not holed.masked[100_000:100_050].any()
+    assert b.count.sum() == holed.n
+    means = block_means(np.nan_to_num(holed.y), b, holed.masked)
+    white, _ = block_whiten(means, b.count, 4e-6, rho, b.gap)
+    assert white.var() == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / b.n) + 0.02)
+
+
+def test_where_many_readings_are_missing_blocks_end_at_them():
+    rng = np.random.default_rng(5)
+    recording = noisy(n=4000, gaps=np.flatnonzero(rng.random(4000) < 0.2))
+    assert not prepare(campaign(recording), recording).masked[~np.isfinite(recording.columns["displacement_m"])].any()
 
 
 def test_columns_of_disturbances():

@@ -161,6 +161,21 @@ def test_gaps_end_blocks_and_masks_do_not():
     assert np.all(block_means(y, b, mask) == 0.0)
 
 
+def test_behind_a_gap_in_which_the_input_stood_still_blocks_grow_on():
+    """As they would have without it; where the input moved they begin anew."""
+    t, u = creep()
+    y = np.zeros(t.size)
+    y[30_000:30_100] = np.nan
+    whole, cut = log_blocks(t, u), log_blocks(t, u, y=y)
+    assert cut.n <= whole.n + 2
+    moved = u.copy()
+    moved[30_050:] *= 0.5
+    after = log_blocks(t, moved, y=y)
+    assert np.sum((after.start >= 30_100) & (after.stop < 30_200)) > 10
+    unknown = np.where(np.isnan(y), np.nan, u)
+    assert log_blocks(t, unknown, y=y).n > cut.n + 10
+
+
 def test_means_are_means_and_keep_their_leading_shape():
     t, u = creep(9_000, 500, 6_000)
     x = np.random.default_rng(3).normal(size=(2, 2, t.size))
