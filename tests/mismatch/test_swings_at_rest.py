@@ -83,6 +83,28 @@ def test_a_line_is_seen_at_any_sampling_rate_and_mains_is_none(rate_Hz, hz):
     assert swinging(stood_still(rate_Hz, hz, 0.0, seconds), STEP_M) is None
 
 
+@pytest.mark.parametrize("hz", [0.9, 2.8, 5.2])
+def test_what_swings_as_slowly_as_buildings_do_is_seen(hz):
+    """By less than noise that is correlated over milliseconds: bins of 1 Hz know nothing below 4 Hz."""
+    found = swinging(stood_still(1000.0, hz, 1.5e-6, 200.0, rho=0.6), STEP_M)
+    assert found is not None
+    assert found.frequency_Hz == pytest.approx(hz, abs=0.07)
+    assert found.amplitude_m == pytest.approx(1.5e-6, rel=0.3)
+    assert swinging(stood_still(1000.0, hz, 1.5e-7, 200.0, rho=0.6), STEP_M) is None  # nothing above the noise
+
+
+@pytest.mark.parametrize("tau_s", [0.3, 1.0, 3.0, 10.0])
+def test_creep_that_a_model_lacks_swings_at_no_slow_frequency_either(tau_s):
+    """30 um of it behind every step of 60 s, ten and more times what lasts of what a wrong model leaves."""
+    for seed in range(3):
+        fit = stood_still(1000.0, 1.0, 0.0, 480.0, hum_m=0.0, seed=seed)
+        prepared = fit.problem.pieces[0].prepared
+        t = prepared.recording.time_s
+        prepared.recording.columns["voltage_V"] = np.where((t // 60.0) % 2 == 0, 500.0, 900.0)
+        prepared.y += 3e-5 * np.exp(-(t % 60.0) / tau_s) * np.where((t // 60.0) % 2 == 0, 1.0, -1.0)
+        assert swinging(fit, STEP_M) is None
+
+
 @pytest.mark.parametrize(("rate_Hz", "rho"), [(1000.0, 0.95), (1000.0, 0.99), (10_000.0, 0.995), (10_000.0, 0.999)])
 def test_noise_that_is_correlated_over_long_has_no_line_but_may_hide_none(rate_Hz, rho):
     """Its spectrum falls from 8 Hz on and less: the median of what is around its lowest bins is far below these."""

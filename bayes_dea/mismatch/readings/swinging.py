@@ -24,20 +24,35 @@ from ...noise.quiet import still_windows, stillness
 
 Array = NDArray[np.float64]
 
-#: rows of a segment at least, and its time (s): bins of 1 Hz, so that there is room between multiples of mains
-_SEGMENT, _LASTS_S = 1024, 1.024
-#: segments that are left out after a change of the command, segments of a recording at most, and in all
-_AFTER, _MOST, _LEAST = 2, 200, 20
+#: rows of a segment at least, and segments of a recording at most
+_SEGMENT, _MOST = 1024, 200
 #: share of a segment's rows that has to be observed; the rest is bridged
 _OBSERVED = 0.98
-#: bins that a slow drift may fill, bins around one that do not count as its neighbours, and bins that do
-_SLOW, _OWN, _AROUND = 4, 4, 24
+#: bins around one that do not count as its neighbours, bins that do, and of these on one side to count by themselves
+_OWN, _AROUND, _SIDE = 4, 24, 6
 #: times its neighbours that a bin has to be, and the chance of it in all bins below which it is no chance
 _TIMES, _CHANCE = 4.0, 1e-6
 #: half-width around mains lines and their multiples (bins), and as a share of these: what mains is off by
 _MAINS, _OFF = 2, 0.002
 #: and up to which these are loud enough to be seen where slow sampling folds them back
 _HEARD_Hz = 500.0
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Segments of lasts_s (s), of which `after` are left out behind a change of the command and `least` have to be
+    there in all. slow: bins that a slow drift may fill; most_Hz: up to where lines are looked for."""
+
+    lasts_s: float
+    after: int
+    least: int
+    slow: int
+    most_Hz: float = np.inf
+
+
+#: bins of 1 Hz, so that there is room between multiples of mains; and what is slower, as buildings are, whose segments
+#: have next to no creep in them from 0.6 Hz on
+_LOOKS = (_Look(1.024, 2, 20, 4), _Look(16.384, 1, 8, 10, 8.0))
 
 
 @dataclass(frozen=True)
@@ -76,32 +91,35 @@ def swinging(fit: Fit, resolution: float) -> Swinging | None:
     """The strongest line at rest in what a fit leaves; None where there is none of at least the resolution (m)."""
     rows = fit.problem.rows(fit.q)
     _, gains = fit.problem.beside(fit.q)
-    by_step: dict[float, list[tuple[str, Array]]] = {}
+    by_kind: dict[tuple[_Look, float], list[tuple[str, Array]]] = {}
     rho: dict[float, float] = {}
     for piece, x in zip(fit.problem.pieces, rows, strict=True):
         if piece.channel == "displacement":
             step = round(piece.prepared.reading_step_s, 7)
-            found = _segments(piece, piece.prepared.y - (1.0 + gains[piece.group]) * x, _rows(step))
-            if len(found):
-                by_step.setdefault(step, []).append((piece.name, found))
-                rho[step] = fit.noise.of(piece)[1]
-    lines = [line for step, parts in by_step.items() if (line := _line(step, parts, rho[step])) is not None]
-    lines = [line for line in lines if line.amplitude_m >= resolution]
-    return max(lines, key=lambda line: line.amplitude_m) if lines else None
+            left = piece.prepared.y - (1.0 + gains[piece.group]) * x
+            # of a slow sensor both are of the same length, and the first has all
+            for n, look in {_rows(look, step): look for look in reversed(_LOOKS)}.items():
+                found = _segments(piece, left, n, look.after)
+                if len(found):
+                    by_kind.setdefault((look, step), []).append((piece.name, found))
+            rho[step] = fit.noise.of(piece)[1]
+    lines = [_line(look, step, parts, rho[step]) for (look, step), parts in by_kind.items()]
+    seen = [line for line in lines if line is not None and line.amplitude_m >= resolution]
+    return max(seen, key=lambda line: line.amplitude_m) if seen else None
 
 
-def _rows(step_s: float) -> int:
+def _rows(look: _Look, step_s: float) -> int:
     """Rows of a segment."""
-    return max(_SEGMENT, round(_LASTS_S / step_s))
+    return max(_SEGMENT, round(look.lasts_s / step_s))
 
 
-def _segments(piece: Piece, left: Array, n: int) -> Array:
+def _segments(piece: Piece, left: Array, n: int, after: int) -> Array:
     """Power densities (k, bins) of stretches of n rows in which the command stands still, less their straight lines;
-    m^2 row."""
+    m^2 row. after: stretches that are left out behind a change."""
     p = piece.prepared
     read = with_a_reading(p.y)
     u, observed, left = filled_input(p.recording.columns["voltage_V"])[read], p.observed[read], left[read]
-    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), n, _AFTER * n)
+    starts = still_windows(u, np.ones(u.size, dtype=bool), stillness(u), n, after * n)
     rows = np.arange(n)
     parts = []
     for begin in starts[:_MOST]:
@@ -113,16 +131,18 @@ def _segments(piece: Piece, left: Array, n: int) -> Array:
     return np.asarray(periodogram(detrend(np.array(parts)), window="hann", detrend=False)[1], dtype=float)
 
 
-def _line(step_s: float, parts: list[tuple[str, Array]], rho: float) -> Swinging | None:
+def _line(look: _Look, step_s: float, parts: list[tuple[str, Array]], rho: float) -> Swinging | None:
     """What stands out most of the mean periodogram of recordings at one sampling step, whose noise has this rho."""
     every = np.concatenate([found for _, found in parts])
     count = len(every)
-    if count < _LEAST:
+    if count < look.least:
         return None
-    power, rows = every.mean(axis=0), _rows(step_s)
+    power, rows = every.mean(axis=0), _rows(look, step_s)
     width_Hz = 1.0 / (rows * step_s)
     usable = np.ones(power.size, dtype=bool)
-    usable[:_SLOW], usable[-2:] = False, False
+    usable[: look.slow], usable[-2:] = False, False
+    if look.most_Hz < np.inf:
+        usable[round(look.most_Hz / width_Hz) :] = False
     for mains in (50.0, 60.0):
         for line in np.arange(mains, max(0.5 / step_s, _HEARD_Hz) + 1.0, mains):
             seen_Hz = abs(line - round(line * step_s) / step_s)  # what is faster than is sampled is folded back
@@ -132,10 +152,14 @@ def _line(step_s: float, parts: list[tuple[str, Array]], rho: float) -> Swinging
     slope = 1.0 / np.abs(1.0 - rho * np.exp(-2j * np.pi * np.arange(power.size) / rows)) ** 2
     ratios = np.zeros(power.size)
     for at in map(int, np.flatnonzero(usable)):
-        near = np.arange(max(at - _AROUND, _SLOW), min(at + _AROUND + 1, power.size - 2))
+        near = np.arange(max(at - _AROUND, look.slow), min(at + _AROUND + 1, power.size - 2))
         near = near[(np.abs(near - at) > _OWN) & usable[near]]
-        floor = float(slope[at] * np.median(power[near] / slope[near])) if near.size >= _AROUND // 2 else np.inf
-        ratios[at] = power[at] / max(floor, 1e-300)
+        if near.size < _AROUND // 2:
+            continue
+        # what falls from one side of a bin to the other, as creep does, is no line
+        sides = [near, *(side for side in (near[near < at], near[near > at]) if side.size >= _SIDE)]
+        floor = max(float(np.median(power[side] / slope[side])) for side in sides)
+        ratios[at] = power[at] / max(float(slope[at]) * floor, 1e-300)
     k = int(np.argmax(ratios))
     ratio = float(ratios[k])
     p_value = min(float(gamma.sf(count * ratio, count)) * power.size, 1.0)

@@ -12,7 +12,7 @@ from ...models.model import Model
 from .frame import Frame
 from .grid import Screened, screen
 from .hypotheses import DELAY, extended
-from .promising import CHARGES, LEAST_GAIN, MASS, asked_of, refined
+from .promising import CHARGES, DEAR, LEAST_GAIN, MASS, asked_of, refined
 from .quest import Quest
 from .slow_start import driven_start
 from .weigh import Weighed, excess
@@ -33,15 +33,19 @@ def together(effects: Sequence[str], name: str) -> tuple[str, ...]:
 def names_beside(w: Weighed, names: Sequence[str]) -> list[str]:
     """What may be added to a hypothesis.
 
-    As a third, nothing that charges the dielectric beside a mass: as for two of these alone (`too_dear`) every step has
-    to follow both, and a pair of them is looked for beside the mass. A shift of the readings costs nothing.
+    As a third, nothing that makes a mass dear: as for two of these alone (`too_dear`) every step has to follow both,
+    and a pair of them is looked for beside the mass. A shift of the readings costs nothing.
     """
     found = [n for n in names if n not in w.effects and not any({n, e} == SAME for e in w.effects)]
     if len(w.effects) < 2:
         return found
-    if MASS in w.effects and CHARGES.intersection(w.effects):
+    if _dear_mass(w.effects):
         return [n for n in found if n == DELAY]
-    return [n for n in found if not (MASS in (n, *w.effects) and CHARGES.intersection((n, *w.effects)))]
+    return [n for n in found if not _dear_mass((n, *w.effects))]
+
+
+def _dear_mass(effects: Sequence[str]) -> bool:
+    return MASS in effects and bool((CHARGES | DEAR).intersection(effects) - {MASS})
 
 
 def beside_these(
