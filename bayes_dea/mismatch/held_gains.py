@@ -17,7 +17,6 @@ from ..gauss_newton.refit import Fit
 from .judge import Judged
 from .prepare import Prepared
 from .readings.own_gains import MOVED, Gains, gains_of, own_gains
-from .readings.reread import DIFFERENT
 from .readings.swinging import swinging
 from .search.beside import promised_beside
 from .search.hypotheses import candidates, effect_priors
@@ -41,8 +40,7 @@ def held_gains(
         return None
     gains = gains_of(loose)
     taken = loose.log_evidence + math.log(MOVED) - together.log_evidence
-    # what is larger may be another actuator
-    if taken <= 0.0 or not gains.allowed or max(abs(r - 1.0) for r in gains.ratio.values()) >= DIFFERENT:
+    if taken <= 0.0 or not gains.may_be_moved:
         return None
     if not _leaves_nothing(loose, ready.resolution_m, rng):
         return None

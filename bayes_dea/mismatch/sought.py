@@ -17,13 +17,13 @@ from ..gauss_newton.noise_prior import NoisePrior
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit, refit
 from .prepare import ROUNDS, Prepared
-from .readings.own_gains import MOVED, Loosened, worth_a_search
+from .readings.own_gains import MOVED, Loosened, gains_of, worth_a_search
 from .readings.own_limits import CLIPPING, limit_of_readings
 from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
 from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
-from .search.name import RIVAL, Brief, Spoiled, name_physics, weigh_delay
+from .search.name import RIVAL, Brief, ReadOtherwise, Spoiled, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
@@ -53,7 +53,13 @@ def sought(
 
     def named(seen: Seen, grids: dict[str, Screened], begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
         gains = with_gains if gains_first else None
-        return _named(ready, seen, overrides, most_effects, rng, say, begun, grids, gains)
+        found = _named(ready, seen, overrides, most_effects, rng, say, begun, grids, gains)
+        if found is not None:
+            return found
+        say("reading the campaign again", 0, 1, "a gain of each recording")
+        seen.take(Rereading(seen.base, 0.0, gains=True))
+        grids.clear()
+        return named(seen, grids, (), gains_first)
 
     held: Once[list[Rereading]] = Once()
 
@@ -95,8 +101,9 @@ def sought(
 def _named(
     ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
     say: Report, begun: Sequence[Fit], grids: dict[str, Screened], with_gains: Loosened | None,
-) -> Naming:
-    """Every hypothesis weighed, again where that shows false readings.
+) -> Naming | None:
+    """Every hypothesis weighed, again where that shows false readings; None where a gain of each recording leaves
+    nothing, and no effect promises as much.
 
     grids: single effects on theirs, as an earlier search left them; filled in. with_gains: where a gain of each
     recording takes more than a further effect promises, none is looked for.
@@ -117,7 +124,10 @@ def _named(
             memory=grids,
             begun=begun,
             otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
+            settled_by=lambda fit: _left_to_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
         )
+        if isinstance(found, ReadOtherwise):
+            return None
         if not isinstance(found, Spoiled):
             return found
         begun = found.known
@@ -215,6 +225,15 @@ def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, r
     """
     loose = _loosened(fit, pieces, with_gains, rng)
     return 0.0 if loose is None else max(loose.log_evidence + math.log(MOVED) - fit.log_evidence, 0.0)
+
+
+def _left_to_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:
+    """The same where a gain of each recording leaves nothing, and none is so large that it may be another actuator's.
+    """
+    loose = with_gains(fit, pieces)
+    if loose is None or not gains_of(loose).may_be_moved or not is_adequate(loose, rng):
+        return 0.0
+    return max(loose.log_evidence + math.log(MOVED) - fit.log_evidence, 0.0)
 
 
 def _loosened(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> Fit | None:

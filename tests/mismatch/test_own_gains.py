@@ -110,6 +110,23 @@ def test_physics_is_named_beside_them(monkeypatch):
     assert ("series_resistance",) in begun[1]
 
 
+@pytest.mark.parametrize(("effects", "factors", "at_once"), [
+    ({}, FACTORS - 0.3 * (FACTORS - 1.0), True),
+    ({"series_resistance": {"R_s_ohm": 1.2e5}}, FACTORS, False),
+])  # fmt: skip
+def test_no_effect_is_fitted_where_gains_leave_nothing_and_none_promises_more(monkeypatch, effects, factors, at_once):
+    ended, search = [], sought.name_physics
+
+    def spied(*args, **kwargs):
+        ended.append(search(*args, **kwargs))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sought, "name_physics", spied)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(resized(concealed(effects, validate=False), factors), "hooke+gm3")
+    assert isinstance(ended[0], name.ReadOtherwise) is at_once
+
+
 @pytest.mark.long
 def test_gains_that_the_sensor_does_not_allow_are_unknown():
     s = diagnose(resized(concealed(), 1.0 + 6.0 * (FACTORS - 1.0)), "hooke+gm3", seed=1).summary

@@ -23,6 +23,8 @@ from ..search.weigh import excess
 
 #: prior probability that a sensor was moved or set anew between recordings
 MOVED = 0.01
+#: share by which the displacement of another actuator differs, at least
+DIFFERENT = 0.02
 #: with fewer recordings a gain of each says nothing that an effect could not
 _LEAST = 4
 #: share of what an explanation leaves beyond noise that gains have to take away for a search to begin anew with them
@@ -53,6 +55,11 @@ class Gains:
         """Whether the stated accuracy of the sensor allows them."""
         a, b = self.widest
         return 0.5 * (self.ratio[b] - self.ratio[a]) <= self.limit
+
+    @property
+    def may_be_moved(self) -> bool:
+        """Whether a sensor that was moved has them: its accuracy allows that, and no actuator differs so little."""
+        return self.allowed and max(abs(r - 1.0) for r in self.ratio.values()) < DIFFERENT
 
     def note(self) -> str:
         """One line on them."""

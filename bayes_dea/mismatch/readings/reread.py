@@ -20,6 +20,7 @@ from ...gauss_newton.reduced import Piece, renoded
 from ...gauss_newton.refit import Fit, inverse, refit
 from ..telling import Tell, silence
 from ..where.locate import is_adequate
+from .own_gains import DIFFERENT
 from .own_offset import offset_and_gain
 
 Array = NDArray[np.float64]
@@ -34,9 +35,9 @@ _HOPELESS_CHI2 = 3.0
 _FEW, _TOO_MUCH = 4, 3.0
 #: share of the least difference of another actuator that has to be seen after them
 _NEARLY = 0.7
-#: a recording of another actuator differs from the others by this share at least, and by so many standard errors; more
-#: of one to validate, of which nothing but its size is looked at
-DIFFERENT, _SIGMAS, _SIGMAS_UNSEEN = 0.02, 5.0, 8.0
+#: standard errors by which a recording of another actuator differs from the others; more of one to validate, of which
+#: nothing but its size is looked at
+_SIGMAS, _SIGMAS_UNSEEN = 5.0, 8.0
 #: squares of residuals a block beyond which a refit without one recording leaves more than noise, before a scan says so
 _TOO_LARGE = 1.5
 

@@ -91,6 +91,11 @@ class Spoiled:
     known: tuple[Fit, ...] = ()
 
 
+@dataclass(frozen=True)
+class ReadOtherwise:
+    """What ended a search: under another reading of the recordings nothing is left, and no effect promises as much."""
+
+
 class _SpoiledError(Exception):
     """A fit has shown readings that are false."""
 
@@ -105,12 +110,15 @@ def name_physics(
     memory: dict[str, Screened] | None = None,
     begun: Sequence[Fit] = (),
     otherwise: Callable[[Fit], float] = lambda _: 0.0,
-) -> Naming | Spoiled:
+    settled_by: Callable[[Fit], float] = lambda _: 0.0,
+) -> Naming | Spoiled | ReadOtherwise:
     """Weigh all hypotheses on the recordings to identify.
 
     otherwise: nats of evidence that another reading of the recordings would bring to an explanation. Further effects
     are looked for only where a grid promises nearly as much; else they are sought under that reading first, and are put
     off where the grid promises a third of it.
+
+    settled_by: the same of another reading under which the base leaves nothing; asked before any effect is fitted.
 
     memory: single effects on their grids, as an earlier search left them; filled in. begun: explanations from another
     reading of the recordings, as what a search may miss that has to begin anew.
@@ -137,6 +145,9 @@ def name_physics(
     quest = Quest(base, tuple(names), given, brief.prior, rng, brief.say, lambda fit: is_adequate(fit, rng, places))
     limited = [] if none.adequate else _from_the_lower_half(quest)
     found = on_grids([*frames, *limited], len(frames), quest, memory)
+    taken = 0.0 if none.adequate else settled_by(base)
+    if taken > 0.0 and max((s.promise for s in found), default=0.0) < NEARLY * taken:
+        return ReadOtherwise()
     try:
         singles = refined(base, found, quest, 2, look)
     except _SpoiledError:
