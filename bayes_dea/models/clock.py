@@ -22,6 +22,8 @@ _MISSING = 0.05
 #: part of a step by which a stamp may be off its tick for the clock to be even, and by which two rows that follow each
 #: other may be nearer or farther than that
 _OFF, _TREMBLES = 2e-3, 0.3
+#: the same for a stamp where steps tremble by more than that, so that a row that is missing could not be told
+_ABOUT = 0.75
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def clock_of(time_s: NDArray[np.float64]) -> Clock | None:
     for d in differences(time_s)():
         ticks = np.rint(d / common)
         if not np.max(np.abs(d / common - ticks)) <= _TREMBLES or not ticks.min() > 0:
-            return None
+            return _about_its_ticks(time_s)
         at = np.flatnonzero(ticks != 1)
         after.append(row + at)
         missing.append(ticks[at].astype(np.int64) - 1)
@@ -74,6 +76,13 @@ def clock_of(time_s: NDArray[np.float64]) -> Clock | None:
         return None
     out = Clock((time_s[-1] - time_s[0]) / (n - 1 + int(lacking.sum())), n, holes, lacking)
     return out if _on_its_ticks(time_s, out) else replace(out, is_even=False)
+
+
+def _about_its_ticks(time_s: NDArray[np.float64]) -> Clock | None:
+    """The clock of rows whose stamps tremble so much that they tell of no missing one; None where they stray."""
+    n, none = time_s.size, np.empty(0, dtype=np.int64)
+    out = Clock(float(time_s[-1] - time_s[0]) / (n - 1), n, none, none, is_even=False)
+    return out if _on_its_ticks(time_s, out, _ABOUT) else None
 
 
 def _step_between(time_s: NDArray[np.float64]) -> float:
@@ -89,9 +98,10 @@ def _step_between(time_s: NDArray[np.float64]) -> float:
     return total / count if count else float("nan")
 
 
-def _on_its_ticks(time_s: NDArray[np.float64], clock: Clock) -> bool:
+def _on_its_ticks(time_s: NDArray[np.float64], clock: Clock, off: float = _OFF) -> bool:
+    """Whether every stamp (n,) is that of its tick, but for this part of a step."""
     for part in pieces(clock.n, BLOCK):
         ideal = time_s[0] + clock.step_s * clock.ticks(np.arange(part.start, part.stop))
-        if not np.max(np.abs(time_s[part] - ideal)) <= _OFF * clock.step_s:
+        if not np.max(np.abs(time_s[part] - ideal)) <= off * clock.step_s:
             return False
     return True

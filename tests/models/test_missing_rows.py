@@ -53,6 +53,24 @@ def test_a_long_hole_in_coarsely_rounded_stamps_is_counted_right(lost):
     np.testing.assert_array_equal(clock.ticks(np.arange(keep.size)), keep)
 
 
+def test_stamps_that_tremble_by_much_have_a_clock_where_they_stay_about_its_ticks():
+    """Steps of 0.2 to 1.8 ms of a program that asks every millisecond: few nodes are enough for what changes."""
+    t, V = triangle(20.0)
+    stamps = np.sort(t + 1.5e-4 * np.random.default_rng(2).standard_normal(t.size))
+    assert np.max(np.abs(np.diff(stamps) - 1e-3)) > 4e-4
+    clock = clock_of(stamps)
+    assert not clock.is_even
+    assert not clock.after.size
+    assert clock.step_s == pytest.approx(1e-3, rel=1e-4)
+    assert clock_of(np.delete(stamps, np.arange(9000, 9100))) is None  # a tenth of a second is missing
+    part, _ = recording(stamps, V)
+    rough, plant = rough_nodes(part), plant_of(MODEL, VALUES, ACTUATOR)
+    assert rough.size < 1.3 * rough_nodes(recording(t, V)[0]).size < 0.2 * t.size
+    exact = simulate_nodes(plant, make_nodes(part, every_row=True))
+    read = np.setdiff1d(np.arange(rough.size), rough.unread)
+    np.testing.assert_allclose(simulate_nodes(plant, rough)[read], exact[rough.row[read]], atol=3e-7)
+
+
 @pytest.mark.parametrize("time_s", [
     np.cumsum(1e-3 * (1.0 + np.random.default_rng(0).random(500))),  # at any pace
     np.concatenate([0.001 * np.arange(100), 0.1 + 0.1 * np.arange(50)]),  # fast, then slow
