@@ -21,9 +21,8 @@ from .readings.own_gains import MOVED, Loosened, gains_of, worth_a_search
 from .readings.own_limits import CLIPPING, limit_of_readings
 from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
-from .search.grid import Screened
 from .search.hypotheses import UNKNOWN
-from .search.name import RIVAL, Brief, ReadOtherwise, Spoiled, name_physics, weigh_delay
+from .search.name import RIVAL, Brief, Memory, ReadOtherwise, Spoiled, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
@@ -51,15 +50,15 @@ def sought(
     def tell(*at: Any) -> None:
         say("rereading", *at)
 
-    def named(seen: Seen, grids: dict[str, Screened], begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
+    def named(seen: Seen, memory: Memory, begun: Sequence[Fit] = (), gains_first: bool = True) -> Naming:
         gains = with_gains if gains_first else None
-        found = _named(ready, seen, overrides, most_effects, rng, say, begun, grids, gains)
+        found = _named(ready, seen, overrides, most_effects, rng, say, begun, memory, gains)
         if found is not None:
             return found
         say("reading the campaign again", 0, 1, "a gain of each recording")
         seen.take(Rereading(seen.base, 0.0, gains=True))
-        grids.clear()
-        return named(seen, grids, (), gains_first)
+        memory.grids, memory.singles = {}, None
+        return named(seen, memory, (), gains_first)
 
     held: Once[list[Rereading]] = Once()
 
@@ -72,8 +71,8 @@ def sought(
         seen.take(retimed)
     if loose:
         seen.take(Rereading(seen.base, 0.0, gains=True))
-    grids: dict[str, Screened] = {}
-    naming = named(seen, grids, known)
+    memory = Memory()
+    naming = named(seen, memory, known)
     reread = _reread(naming, seen.pieces, with_gains, rng, holds, tell)
     if reread is not None:
         how = "a gain of each recording" if reread.gains else reread.odd or f"hold = {reread.hold}"
@@ -81,8 +80,8 @@ def sought(
         say("reading the campaign again", 0, 1, how)
         begun = _begun(naming, seen.pieces, with_gains, reread.base) if reread.gains else []
         seen.take(reread)
-        grids, before = {}, naming
-        naming = named(seen, grids, begun)
+        memory, before = Memory(), naming
+        naming = named(seen, memory, begun)
         if reread.gains:
             naming = across_readings(naming, math.log(MOVED), before)
     loosened = [] if naming.best.adequate else _with_gains_that_matter(naming, seen.pieces, with_gains, rng)
@@ -90,22 +89,22 @@ def sought(
         say("reading the campaign again", 0, 1, "a gain of each recording")
         other = seen.copy()
         other.take(Rereading(seen.base, 0.0, gains=True))
-        again = named(other, {}, loosened)
+        again = named(other, Memory(), loosened)
         if again.best.adequate or again.best.below_a_step or again.none.below_a_step:
             return other, again
     if naming.put_off:  # gains do not settle it
-        naming = named(seen, grids, gains_first=False)
+        naming = named(seen, memory, gains_first=False)
     return seen, naming
 
 
 def _named(
     ready: Prepared, seen: Seen, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator,
-    say: Report, begun: Sequence[Fit], grids: dict[str, Screened], with_gains: Loosened | None,
+    say: Report, begun: Sequence[Fit], memory: Memory, with_gains: Loosened | None,
 ) -> Naming | None:
     """Every hypothesis weighed, again where that shows false readings; None where a gain of each recording leaves
     nothing, and no effect promises as much.
 
-    grids: single effects on theirs, as an earlier search left them; filled in. with_gains: where a gain of each
+    memory: single effects as an earlier search left them; filled in. with_gains: where a gain of each
     recording takes more than a further effect promises, none is looked for.
     """
     unseen = tuple(p for p in seen.pieces if not p.identify)
@@ -121,7 +120,7 @@ def _named(
             brief,
             rng,
             spoiled=seen.spoiled if last else None,
-            memory=grids,
+            memory=memory,
             begun=begun,
             otherwise=lambda fit: _taken_by_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,
             settled_by=lambda fit: _left_to_gains(fit, seen.pieces, with_gains, rng) if with_gains else 0.0,

@@ -96,6 +96,29 @@ class ReadOtherwise:
     """What ended a search: under another reading of the recordings nothing is left, and no effect promises as much."""
 
 
+@dataclass(frozen=True)
+class _Singles:
+    """Single effects weighed beside a base: what a search goes on from. given: the base before it was looked at."""
+
+    given: Fit
+    frames: list[Frame]
+    columns: list[Array]
+    places: Places
+    none: Explanation
+    skipped: dict[str, str]
+    quest: Quest
+    found: list[Screened]
+    weighed: dict[str, Weighed]
+
+
+@dataclass
+class Memory:
+    """What searches of recordings, as they are read, know of single effects: on their grids, and weighed in the end."""
+
+    grids: dict[str, Screened] = field(default_factory=dict)
+    singles: _Singles | None = None
+
+
 class _SpoiledError(Exception):
     """A fit has shown readings that are false."""
 
@@ -107,7 +130,7 @@ def name_physics(
     rng: np.random.Generator,
     *,
     spoiled: Callable[[Fit], bool] | None = None,
-    memory: dict[str, Screened] | None = None,
+    memory: Memory | None = None,
     begun: Sequence[Fit] = (),
     otherwise: Callable[[Fit], float] = lambda _: 0.0,
     settled_by: Callable[[Fit], float] = lambda _: 0.0,
@@ -120,16 +143,48 @@ def name_physics(
 
     settled_by: the same of another reading under which the base leaves nothing; asked before any effect is fitted.
 
-    memory: single effects on their grids, as an earlier search left them; filled in. begun: explanations from another
+    memory: single effects as an earlier search left them; filled in. begun: explanations from another
     reading of the recordings, as what a search may miss that has to begin anew.
 
     spoiled: asked of the fits that may explain the recordings, before they are judged; where it says yes, the data are
     to be made clean first, and what is known so far is returned.
     """
+    memory = memory or Memory()
+
     def look(fit: Fit) -> None:
         if spoiled is not None and spoiled(fit):
             raise _SpoiledError
 
+    first = memory.singles
+    if first is None or first.given is not base:
+        try:
+            first = _weighed_alone(base, looks, brief, rng, memory.grids, look, settled_by)
+        except _SpoiledError:
+            return Spoiled(tuple(begun))
+        if first is None:
+            return ReadOtherwise()
+        memory.singles = first
+    frames, none, quest, singles, columns = first.frames, first.none, first.quest, first.weighed, first.columns
+    sized = next((f.fit for f in frames if f.kind == "sized"), None)
+    search = _Search(quest, brief, none, first.places, columns, dict(singles), look, otherwise, sized)
+    search.known.take_from_elsewhere(again(begun, quest.base, brief.prior))
+    try:
+        search.run([f.fit.q for f in frames[1:]])
+    except _SpoiledError:
+        led = search.together()
+        ahead = {f.problem.model.name for f in led}
+        return Spoiled((*led, *(f for f in begun if f.problem.model.name not in ahead)))
+    visible = tuple("+".join(s.effects) for s in first.found if s.contrast > _VISIBLE)
+    return search.naming(first.skipped, visible)
+
+
+def _weighed_alone(
+    base: Fit, looks: list[Features], brief: Brief, rng: np.random.Generator, grids: dict[str, Screened],
+    look: Callable[[Fit], None], settled_by: Callable[[Fit], float],
+) -> _Singles | None:
+    """Single effects on their grids, and fitted where that is promising; None where another reading settles it first.
+    """
+    given = base
     brief.say("finding starts", 0, 3, "slow waves and plateaus")
     frames = frames_of(base, looks, brief.prior)
     better = settled(base, frames, brief.prior)
@@ -141,28 +196,15 @@ def name_physics(
     names, skipped = candidates(
         base.problem.model, brief.campaign, {p.channel for p in base.problem.pieces}, brief.established
     )
-    given: dict[str, object] = {**effect_priors(names, brief.campaign), **brief.overrides}
-    quest = Quest(base, tuple(names), given, brief.prior, rng, brief.say, lambda fit: is_adequate(fit, rng, places))
+    laws: dict[str, object] = {**effect_priors(names, brief.campaign), **brief.overrides}
+    quest = Quest(base, tuple(names), laws, brief.prior, rng, brief.say, lambda fit: is_adequate(fit, rng, places))
     limited = [] if none.adequate else _from_the_lower_half(quest)
-    found = on_grids([*frames, *limited], len(frames), quest, memory)
+    found = on_grids([*frames, *limited], len(frames), quest, grids)
     taken = 0.0 if none.adequate else settled_by(base)
     if taken > 0.0 and max((s.promise for s in found), default=0.0) < NEARLY * taken:
-        return ReadOtherwise()
-    try:
-        singles = refined(base, found, quest, 2, look)
-    except _SpoiledError:
-        return Spoiled(tuple(begun))
-    sized = next((f.fit for f in frames if f.kind == "sized"), None)
-    search = _Search(quest, brief, none, places, columns, singles, look, otherwise, sized)
-    search.known.take_from_elsewhere(again(begun, base, brief.prior))
-    try:
-        search.run([f.fit.q for f in frames[1:]])
-    except _SpoiledError:
-        led = search.together()
-        ahead = {f.problem.model.name for f in led}
-        return Spoiled((*led, *(f for f in begun if f.problem.model.name not in ahead)))
-    visible = tuple("+".join(s.effects) for s in found if s.contrast > _VISIBLE)
-    return search.naming(skipped, visible)
+        return None
+    weighed = refined(base, found, quest, 2, look)
+    return _Singles(given, frames, columns, places, none, skipped, quest, found, weighed)
 
 
 def _from_the_lower_half(quest: Quest) -> list[Frame]:
