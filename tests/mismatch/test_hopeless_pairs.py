@@ -1,13 +1,18 @@
 """When the search for further effects ends: what a grid promises, and what a second effect leaves."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.search import name as naming
-from bayes_dea.mismatch.search import promising
+from bayes_dea.mismatch.search import promising, weigh
+from bayes_dea.mismatch.search.frame import Frame
+from bayes_dea.mismatch.search.grid import screen
+from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
 
 CROSSTALK = {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 0.015}
 
@@ -43,6 +48,25 @@ def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted, t
     assert {len(effects) for effects in fitted} == {1}
     # a mass alone may lie between the points of its grid: a descent is begun for it, and given up
     assert [added for there, added in tried if there] == [{"inertia"}]
+
+
+@pytest.mark.parametrize(("once", "at_most", "begun"), [(True, 0.0, 1), (False, 0.0, 2), (True, math.inf, 2)])
+def test_of_what_is_dear_one_start_is_enough_where_that_is_given_up(monkeypatch, once, at_most, begun):
+    """at_most: nothing is as good as that; with infinity the first is, and the second point counts."""
+    problem, prior, q = problem_of(concealed({"sensor_lag": {"tau_s_s": 0.02}}))
+    base = refit(problem, q, prior.start(), prior)
+    given = effect_priors(["sensor_lag"], concealed())
+    grid = screen([Frame(base)], extended(problem.model, ["sensor_lag"], given), ("sensor_lag",))
+    points, approach = set(), weigh.approach
+
+    def watched(problem, q, *args):
+        points.add(float(q[problem.model.priors.names.index("tau_s_s")]))
+        return approach(problem, q, *args[:-1], math.inf)  # none is given up on its way
+
+    monkeypatch.setattr(weigh, "approach", watched)
+    found = weigh.refine(base, grid, prior, 2, at_most=at_most, once=once)
+    assert (found is None) is (at_most == 0.0)
+    assert len(points) == begun
 
 
 @pytest.mark.long

@@ -244,3 +244,8 @@ def test_nothing_that_charges_the_dielectric_is_a_third_beside_a_mass():
         "series_resistance", "thickness_feedback", "parallel_damper"]
     # a shift of the readings costs nothing, and may be there whatever else is
     assert beside(Stub(("leakage", "inertia"), 0.0), [*names, "acquisition_delay"]) == ["acquisition_delay"]
+    # what bends or remembers is as dear beside a mass, but for a pair of the two
+    dear = ["rate_independent_hysteresis", "amplitude_softening", "sensor_lag"]
+    assert beside(Stub(("inertia",), 0.0), dear) == dear
+    assert beside(Stub(("charge_retention", "inertia"), 0.0), dear) == ["sensor_lag"]
+    assert "inertia" not in beside(Stub(("charge_retention", "amplitude_softening"), 0.0), names)

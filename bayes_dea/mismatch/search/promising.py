@@ -188,7 +188,8 @@ class _Refits:
             most = self._most(s)
             w = None
             if promising:
-                w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most)
+                once = too_dear(s.effects)
+                w = refine(self.base, s, self.prior, 1 if further else starts, best, at_most=most, once=once)
             elif not wanted and self._may_be_between(s):
                 w = refine(self.base, s, self.prior, starts, best, at_most=min(most, s.base_objective - asked))
             if w is not None:

@@ -67,12 +67,12 @@ class Weighed:
 
 def refine(
     base: Fit, screened: Screened, prior: NoisePrior, starts: int = 2, reached: float = math.inf,
-    behind: float = HOPELESS, at_most: float = math.inf,
+    behind: float = HOPELESS, at_most: float = math.inf, once: bool = False,
 ) -> Weighed | None:
     """Refit from the best points of the grid; Laplace evidence, or the grid's where the posterior is wide.
 
     reached: the value (see `Weighed`) of the best so far; None where this one stays so many nats `behind` it, or above
-    `at_most`.
+    `at_most`. once: of what is dear no other start is tried where the first one ends above that.
     """
     model = screened.model
     problem = base.problem.with_model(model)
@@ -85,8 +85,10 @@ def refine(
             if end is not None:
                 # what had to work out all sensitivities needs no approach by those of the base
                 ends.append((end.value, end.q, None if end.own else kept))
-                if end.value < point.posterior + HOPELESS:
+                if end.value < point.posterior + HOPELESS or (once and end.value > above):
                     break
+        if once and ends and ends[-1][0] > above:
+            break
     for value, q, kept in sorted(ends, key=lambda e: e[0]):
         if value > above:
             break
