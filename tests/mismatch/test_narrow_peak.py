@@ -48,3 +48,17 @@ def test_a_peak_beside_a_point_that_acts_on_far_too_much_is_found():
 )
 def test_where_the_grid_shows_it_nothing_more_is_worked_out(curve):
     assert _looked_at(curve, [-2.0, -1.0, 0.0, 1.0]) == []
+
+
+def test_a_peak_beyond_the_first_point_of_a_grid_is_found_where_the_second_is_worse_than_none():
+    """A lag of half a step: next to nothing of itself at a third, far too much at four fifths (1566076)."""
+    def lag(x):
+        return 18_000.0 * ((math.exp(x) / 0.5 - 1.0) ** 2 - 0.3)
+
+    grid = [math.log(x) for x in (0.317, 0.795, 2.0, 5.0)]
+    best = min(lag(x) for x in grid)
+    looks = _looked_at(lag, grid)
+    assert min(p.posterior for p in looks) < 1.5 * best < 0.0
+    assert len(looks) < 8
+    # inside a grid a parabola goes through the neighbours
+    assert _looked_at(lag, [math.log(0.126), *grid]) == []

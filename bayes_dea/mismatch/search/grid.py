@@ -44,6 +44,8 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 #: how many times more than the best point of a grid gains (and the least gain in nats that counts) the next one has to
 #: lose for a peak to be looked for between the two, and in how many sections
 _STEEP, _HARDLY, _PEAK_SECTIONS = 10.0, 10.0, 8
+#: sections where the best point is the first or the last, so that no parabola lies through its neighbours
+_END_SECTIONS = 4
 #: how often the vertex of a parabola is looked at, and the share of its width within which it is the point that it has
 _PARABOLAS, _SAME = 2, 1e-3
 #: further points of a bounded parameter that stands alone, in shares of its range from either end: a limit that is
@@ -313,8 +315,9 @@ def narrow_peak(
     """Score points between the best of a grid and a next one that acts on far too much.
 
     What ends before the next reading (a lag, a ramp of the supply) shows nothing of itself until it is slow enough, and
-    then soon everything: such a peak lies between two points of a grid of probabilities. idle: minus log posterior of
-    the base; what is scored is kept by `score`. Golden section.
+    then soon everything: such a peak lies between two points of a grid of probabilities. So does that of half a step,
+    from the first point on, where the second is worse than none. idle: minus log posterior of the base; what is scored
+    is kept by `score`. Golden section.
     """
     points = sorted(found, key=lambda p: float(p.own[0]))
     if len(points) < 2:
@@ -326,9 +329,12 @@ def narrow_peak(
     for i in (best - 1, best + 1):
         if not 0 <= i < len(points):
             continue
-        if points[i].posterior - top.posterior < _STEEP * max(idle - top.posterior, _HARDLY):
-            continue
-        _golden_section(score, lambda p: p.posterior, float(top.own[0]), float(points[i].own[0]), _PEAK_SECTIONS, 0.0)
+        gain, sections = idle - top.posterior, _PEAK_SECTIONS
+        if points[i].posterior - top.posterior < _STEEP * max(gain, _HARDLY):
+            if best not in (0, len(points) - 1) or points[i].posterior < idle or gain < _HARDLY:
+                continue
+            sections = _END_SECTIONS
+        _golden_section(score, lambda p: p.posterior, float(top.own[0]), float(points[i].own[0]), sections, 0.0)
 
 
 def moved_to(known: Screened, frames: Sequence[Frame]) -> Screened | None:

@@ -37,11 +37,11 @@ from .naming import (
     log_probabilities,
     with_adequacy,
 )
-from .pairs import beside_the_leader, beside_the_next, freed, in_place_of_the_first
+from .pairs import PARTNERS, beside_the_leader, beside_the_next, freed, in_place_of_the_first
 from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
-from .rivals import again, from_the_leader, put_right
+from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
 from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
@@ -286,10 +286,11 @@ class _Search:
         )  # fmt: skip
 
     def together(self) -> tuple[Fit, ...]:
-        """Fits of several effects that are as likely as any, or nearly, best first."""
+        """Fits of several effects that are as likely as any, or may be from where that stands, best first."""
         weight = self.known.weight
         ranked = sorted(self.known.counting, key=lambda w: -weight(w))
-        return tuple(w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - RIVAL)
+        near = [w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - CROSSED]
+        return tuple(near[: 1 + PARTNERS])
 
     @property
     def _is_explained(self) -> bool:

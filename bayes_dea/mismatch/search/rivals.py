@@ -19,7 +19,7 @@ from .relocate import relocated
 from .weigh import Weighed
 
 #: nats behind the leader within which its rivals are fitted from where it stands
-_CROSSED = 60.0
+CROSSED = 60.0
 
 
 def again(explanations: Sequence[Fit], base: Fit, prior: NoisePrior) -> list[Weighed]:
@@ -76,7 +76,7 @@ def from_the_leader(
     for k, w in enumerate(rivals):
         model = counted_as(w.fit.problem.model, leader.fit.problem.model)
         # how many nats a wrong count costs is not known before
-        if model is w.fit.problem.model and w.log_evidence < reached - _CROSSED:
+        if model is w.fit.problem.model and w.log_evidence < reached - CROSSED:
             continue
         quest.say("comparing rivals", k, len(rivals), w.name)
         problem = leader.fit.problem.with_model(model)
