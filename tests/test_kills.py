@@ -21,9 +21,9 @@ import bayes_dea as bd
 SHORT_RUNS = Path(__file__).with_name("short_runs.py")
 KILLS = 50
 #: as many where the whole has to be done in a quarter of an hour
-FEWER = 16
-#: of these, in processes of their own, from their first import on
-FRESH = 4
+FEWER = 8
+#: share of these in processes of their own, from their first import on
+FRESH = 0.25
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 RESULTS = ["calibration.json", "posterior.nc", "report.html"]
 
@@ -159,9 +159,10 @@ def test_random_kills(tiny, tmp_path, kills, seed):
         assert first.end() == (0, "")
         assert second.end() == (0, "")
         series = Series(tiny, tmp_path, tmp_path / "earlier", tmp_path / "undisturbed", time.monotonic() - began)
-        half = (kills - FRESH) // 2
-        rest = kills - FRESH - half
-        jobs = [("a", first, half, seed), ("b", second, rest, seed + 1), ("c", Fresh(), FRESH, seed + 2)]
+        fresh = round(FRESH * kills)
+        half = (kills - fresh) // 2
+        rest = kills - fresh - half
+        jobs = [("a", first, half, seed), ("b", second, rest, seed + 1), ("c", Fresh(), fresh, seed + 2)]
         with ThreadPoolExecutor(len(jobs)) as pool:
             done = sum(pool.map(lambda job: series.carry_out(*job), jobs))
     finally:

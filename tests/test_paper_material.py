@@ -110,6 +110,7 @@ def test_tables_seven_and_eight_agree_at_high_voltage() -> None:
 # --- misprints ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_item_is_there_and_says_something(decided: Section) -> None:
     rows = decided.data["misprints"]["items"]
     assert [r["item"] for r in rows] == list(range(1, 36))
@@ -120,6 +121,7 @@ def test_every_item_is_there_and_says_something(decided: Section) -> None:
     assert all(e.agrees is None for e in decided.entries if e.entry.startswith(("item 25", "item 33", "item 35")))
 
 
+@pytest.mark.long
 def test_misprints_can_be_written_and_drawn(decided: Section) -> None:
     from bayes_dea.report.paper_figures_material import draw
 
@@ -128,6 +130,7 @@ def test_misprints_can_be_written_and_drawn(decided: Section) -> None:
     assert draw("misprints", decided.data["misprints"]) is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("item", "figure", "value", "tolerance"), [
     (1, "strain_used", 0.0278, 0.01), (2, "share_used", 0.6603, 1e-3), (2, "sides", 1.14496e-4, 1e-5),
     (4, "ratio_own", 0.995, 0.005), (5, "length_m", 9.975e-3, 1e-9), (9, "mu_over_2C1", 1.0, 1e-4),

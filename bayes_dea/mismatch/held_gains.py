@@ -8,7 +8,6 @@ and none promises anything beside it with them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from ..gauss_newton.refit import Fit
 from .judge import Judged
 from .prepare import Prepared
-from .readings.own_gains import MOVED, Gains, gains_of, own_gains
+from .readings.own_gains import Gains, gains_of, nats_of_gains, own_gains
 from .readings.swinging import swinging
 from .search.beside import promised_beside
 from .search.hypotheses import candidates, effect_priors
@@ -39,7 +38,7 @@ def held_gains(
     if loose is None:
         return None
     gains = gains_of(loose)
-    taken = loose.log_evidence + math.log(MOVED) - together.log_evidence
+    taken = nats_of_gains(together, loose)
     if taken <= 0.0 or not gains.may_be_moved:
         return None
     if not _leaves_nothing(loose, ready.resolution_m, rng):

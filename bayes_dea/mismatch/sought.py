@@ -17,7 +17,7 @@ from ..gauss_newton.noise_prior import NoisePrior
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit, refit
 from .prepare import ROUNDS, Prepared
-from .readings.own_gains import MOVED, Loosened, gains_of, worth_a_search
+from .readings.own_gains import MOVED, Loosened, gains_of, nats_of_gains, worth_a_search
 from .readings.own_limits import CLIPPING, limit_of_readings
 from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
@@ -223,7 +223,7 @@ def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, r
     """Nats of evidence, prior odds included, that a gain of each recording brings, where it is worth a search; else 0.
     """
     loose = _loosened(fit, pieces, with_gains, rng)
-    return 0.0 if loose is None else max(loose.log_evidence + math.log(MOVED) - fit.log_evidence, 0.0)
+    return 0.0 if loose is None else max(nats_of_gains(fit, loose), 0.0)
 
 
 def _left_to_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:
@@ -232,7 +232,7 @@ def _left_to_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rn
     loose = with_gains(fit, pieces)
     if loose is None or not gains_of(loose).may_be_moved or not is_adequate(loose, rng):
         return 0.0
-    return max(loose.log_evidence + math.log(MOVED) - fit.log_evidence, 0.0)
+    return max(nats_of_gains(fit, loose), 0.0)
 
 
 def _loosened(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> Fit | None:

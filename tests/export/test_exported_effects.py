@@ -62,7 +62,7 @@ def discrete(system, n):
     "text",
     [*(f"hooke+gm1+{name}" for name in KEPT), "yeoh+gm1+strain_stiffening+thickness_feedback+series_resistance",
      "yeoh+gm1+charge_retention+dielectric_absorption+leakage", "gent+gm1+extra_relaxation_mode+inertia",
-     "yeoh+gkv1+parallel_damper+strain_stiffening",
+     pytest.param("yeoh+gkv1+parallel_damper+strain_stiffening", marks=pytest.mark.long),
      "hooke+gm1+series_resistance+stretch_dependent_permittivity+inertia", "pz3+series_resistance+sensor_nonlinearity"],
 )  # fmt: skip
 def test_small_steps_are_those_of_the_whole_chain(text, tmp_path):

@@ -83,6 +83,7 @@ def test_a_bend_is_found_however_many_coordinates_stand_beside_it():
     assert np.std(y[:, 7]) == pytest.approx(0.1, rel=0.1)
 
 
+@pytest.mark.long
 def test_two_slow_modes_of_short_recordings_are_sampled_quickly():
     """In coordinates of their rates' sum and ratio in a fraction of the steps, and what is sampled is the density."""
     draws = starts(np.random.default_rng(6))

@@ -79,6 +79,7 @@ def followed():
     return follow(rows_of(60)[0], SPEC)
 
 
+@pytest.mark.long
 def test_a_curved_law_behind_kelvin_voigt_elements_is_followed():
     spec = "neohooke+gkv1+series_resistance"
     truth = {"C1_Pa": 2e5, "k_1_Pa": 8e6, "tau_1_s": 1.0, "R_s_ohm": 1.5e5}

@@ -19,6 +19,7 @@ from bayes_dea.models.lags import make_drive
 from bayes_dea.quantities import reported_quantities
 
 
+@pytest.mark.long
 def test_with_mains_it_is_the_batch_posterior_of_the_same_samples():
     rows = played("short", rate_Hz=400.0, faults=["mains=0:6e-6"])
     one, updates = taught(rows, particles=2000)

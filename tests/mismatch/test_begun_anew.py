@@ -28,6 +28,7 @@ def pairs_are_spoiled(fit):
     return fit.problem.model.name.count("+") > 2
 
 
+@pytest.mark.long
 def test_it_hands_on_the_pair_and_the_next_one_looks_for_none(fit_and_brief, monkeypatch):
     asked = []
     beside = name.beside_the_leader

@@ -92,7 +92,7 @@ def test_a_shift_of_a_tenth_of_a_sample_is_told_from_no_lag_and_says_so():
 @pytest.mark.parametrize(("effect", "likelier"), [
     pytest.param({"acquisition_delay": {"T_d_s": 5e-5}}, "none", marks=pytest.mark.long),
     pytest.param({"sensor_lag": {"tau_s_s": 3.3e-4}}, "none", marks=pytest.mark.long),
-    ({"sensor_lag": {"tau_s_s": 4.5e-4}}, "lag"),
+    pytest.param({"sensor_lag": {"tau_s_s": 4.5e-4}}, "lag", marks=pytest.mark.long),
 ])
 def test_a_lag_and_the_tenth_of_a_sample_that_it_looks_like_stand_side_by_side(effect, likelier):
     """That readings fall off time is no rare thing; that it is by a tenth of a sample alone is. Nothing is claimed."""

@@ -41,6 +41,7 @@ def with_count(fit, count):
     return fit.problem.with_model(build_model(fit.problem.model.name, {**laws, name: prior}))
 
 
+@pytest.mark.long
 def test_twelve_elements_are_counted(twelve):
     assert twelve.verdict == FRICTION
     assert twelve.summary["adequate"]
@@ -55,6 +56,7 @@ def test_twelve_elements_are_counted(twelve):
     }
 
 
+@pytest.mark.long
 def test_by_the_usual_count_these_recordings_are_not_explained(twelve):
     fit, prior = twelve.naming.best.weighed.fit, noise_prior(twelve.assembled)
     usual = refit(with_count(fit, 64), fit.q, prior.start(), prior)
@@ -66,6 +68,7 @@ def test_by_the_usual_count_these_recordings_are_not_explained(twelve):
     assert again.log_evidence == pytest.approx(fit.log_evidence, abs=0.5)
 
 
+@pytest.mark.long
 def test_a_count_that_is_not_the_usual_one_pays_for_all_that_are_tried(twelve):
     fit = twelve.naming.best.weighed.fit
     assert laws_in(fit.problem.model, (FRICTION,)).keys() == {"friction_elements"}

@@ -1,6 +1,7 @@
 """Rivals that promise nothing from where the base stands, because a mode of it does their work."""
 
 import numpy as np
+import pytest
 
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.gauss_newton.refit import refit
@@ -11,6 +12,7 @@ from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.search.quest import Quest
 
 
+@pytest.mark.long
 def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
     """A lag of 1.2 ms, where the base is stuck with a mode far faster than the sampling in its place."""
     result = diagnosed("sensor_lag", {"tau_s_s": 1.2e-3})

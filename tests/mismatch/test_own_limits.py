@@ -32,7 +32,7 @@ def limited(campaign, limit_m, seed):
 
 
 @pytest.mark.parametrize(("part", "seed"), [
-    (0.45, 5), *(pytest.param(*x, marks=pytest.mark.long) for x in [(0.6, 5), (0.5, 11), (0.5, 13)]),
+    pytest.param(*x, marks=pytest.mark.long) for x in [(0.45, 5), (0.6, 5), (0.5, 11), (0.5, 13)]
 ])
 def test_the_limit_is_named_and_found_to_its_error(noiseless, part, seed):
     """At 0.8 of the largest displacement one recording reaches it: there it is a displacement as well as a reading."""

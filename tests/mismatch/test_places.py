@@ -8,6 +8,7 @@ from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.priors import Prior
 
 
+@pytest.mark.long
 def test_modes_elsewhere_than_expected_are_not_one_more():
     """Three modes, each far quicker than its own place but near the next one: with a further mode nothing is paid.
 

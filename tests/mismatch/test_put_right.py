@@ -15,6 +15,7 @@ from bayes_dea.mismatch.search.rivals import put_right
 from bayes_dea.mismatch.search.weigh import Weighed
 
 
+@pytest.mark.long
 def test_a_leader_comes_back_from_a_mode_that_no_reading_shows_and_its_rivals_with_it(diagnosed):
     """A leak that takes nothing is the resistance before it: either had lost its third mode to 1 us."""
     result = diagnosed("series_resistance", {"R_s_ohm": 5e4})

@@ -7,9 +7,8 @@ from test_leads import led
 from bayes_dea.mismatch.diagnosis import diagnose
 
 
-@pytest.mark.parametrize(
-    ("d0", "late_s", "seed"), [(1500.0, 3e-4, 3), pytest.param(800.0, 3.2e-4, 1, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize(("d0", "late_s", "seed"), [(1500.0, 3e-4, 3), (800.0, 3.2e-4, 1)])
 def test_a_damper_read_late_is_no_mass(d0, late_s, seed):
     found = led(concealed({"parallel_damper": {"d0_Pa_s": d0}}, seed=seed), -late_s)
     s = diagnose(found, "hooke+gm3").summary

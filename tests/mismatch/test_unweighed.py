@@ -45,6 +45,7 @@ def test_an_effect_that_could_not_be_weighed_is_unknown_with_little_confidence()
     assert "take hooke+gm3" in left
 
 
+@pytest.mark.long
 def test_behind_a_curved_law_kelvin_voigt_elements_have_everything_beside_them():
     s = diagnose(concealed({"inertia": {"f_1_Hz": 90.0, "zeta": 0.05}}), "neohooke+gkv3", seed=1).summary
     assert s["verdict"] == "inertia"

@@ -127,13 +127,19 @@ class Loosened:
         return self._known((fit, pieces), lambda: own_gains(fit, pieces, self.prior))
 
 
+def nats_of_gains(before: Fit, after: Fit) -> float:
+    """Nats of evidence that a gain of each recording brings a fit, the odds of a sensor that was moved included."""
+    return after.log_evidence + math.log(MOVED) - before.log_evidence
+
+
 def worth_a_search(before: Fit, after: Fit, prior: NoisePrior, adequate: Callable[[Fit], bool]) -> bool:
     """Whether gains take so much of what an explanation leaves that effects are to be sought beside them.
 
     adequate: whether a fit leaves nothing to be seen; what noise has beyond its stated level is an excess, too.
     """
-    better = after.log_evidence + math.log(MOVED) - before.log_evidence
-    return better > 0.0 and (excess(after, prior) < (1.0 - _MUCH) * excess(before, prior) or adequate(after))
+    if nats_of_gains(before, after) <= 0.0:
+        return False
+    return excess(after, prior) < (1.0 - _MUCH) * excess(before, prior) or adequate(after)
 
 
 def gains_of(fit: Fit) -> Gains:
