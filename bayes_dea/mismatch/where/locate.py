@@ -23,8 +23,9 @@ from scipy.sparse import csr_matrix
 from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import whiten
 from .features import Features
+from .shapes import Window
 from .size import STEP_M
-from .windows import Places, Window, Windows, places_of, weights_of
+from .windows import Places, Windows, places_of, weights_of
 
 Array = NDArray[np.float64]
 

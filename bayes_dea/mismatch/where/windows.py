@@ -18,29 +18,11 @@ from scipy.sparse import csr_matrix, vstack
 
 from ...compiled import njit
 from ...gauss_newton.reduced import Piece
-from .features import HARMONICS, SINCE_EDGE, Features, features
+from .features import Features, features
+from .shapes import SMALLEST, Window, shaped
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-#: blocks of a recording that a drift is looked for in, at least
-_DRIFTS = 16
-#: periods of a wave that are looked at one by one
-_PERIODS = 40
-_WAY = {1: "rising", -1: "falling"}
-_SMALLEST = 4  # blocks in the shortest window
-
-
-@dataclass(frozen=True)
-class Window:
-    """One place looked at."""
-
-    family: str
-    piece: int  # -1: over several recordings
-    what: str
-    t0_s: float
-    t1_s: float
-    key: str
 
 
 @dataclass(frozen=True)
@@ -165,16 +147,18 @@ def places_of(
     """The windows of recordings; rng: draws the seed of their noise."""
     weights = [weights_of(p) for p in pieces]
     start = np.concatenate([[0], np.cumsum([w.size for w in weights])]).astype(np.int64)
-    shaped = _shaped(pieces, looks or [features(p) for p in pieces], np.concatenate(weights), start)
-    flat = _flat(pieces, start)
-    return Places(shaped.weights, Windows(flat, tuple(shaped.windows)), shaped.matrix(), int(rng.integers(2**63)))
+    rows = _Rows(np.concatenate(weights))
+    for one in shaped(pieces, looks or [features(p) for p in pieces], start):
+        rows.add(*one)
+    windows = Windows(_flat(pieces, start), tuple(rows.windows))
+    return Places(rows.weights, windows, rows.matrix(), int(rng.integers(2**63)))
 
 
 def _flat(pieces: Sequence[Piece], start: Rows) -> Flat:
     """Flat windows of every length by powers of two, each overlapping half of the next."""
     begin, stop, which, first_s, last_s = [], [], [], [], []
     for i, piece in enumerate(pieces):
-        size, nb, t = _SMALLEST, piece.blocks.n, piece.blocks.time_s
+        size, nb, t = SMALLEST, piece.blocks.n, piece.blocks.time_s
         while size <= nb:
             first = np.arange(0, nb - size + 1, max(size // 2, 1))
             begin.append(start[i] + first)
@@ -202,7 +186,7 @@ class _Rows:
 
     def add(self, index: Rows, shape: Array | None, window: Window) -> None:
         """One window with a shape."""
-        if index.size < _SMALLEST:
+        if index.size < SMALLEST:
             return
         v = self.weights[index] * (1.0 if shape is None else shape)
         norm = float(np.linalg.norm(v))
@@ -217,120 +201,3 @@ class _Rows:
         ends = np.concatenate([[0], np.cumsum(self.sizes)])
         value, index = np.concatenate([np.empty(0), *self.value]), np.concatenate([np.empty(0, np.int64), *self.index])
         return csr_matrix((value, index, ends), shape=(len(self.sizes), self.weights.size))
-
-
-def _shaped(pieces: Sequence[Piece], looks: Sequence[Features], weights: Array, start: Rows) -> _Rows:
-    """Windows that are not flat or not in one place. start: of the blocks of each piece."""
-    rows = _Rows(weights)
-    edge_bins: dict[tuple[str, int, int], list[Rows]] = {}
-    level_bins: dict[tuple[str, int], list[Rows]] = {}
-    way_bins: dict[str, list[Rows]] = {}
-    top = max(
-        (float(np.max(f.level)) for p, f in zip(pieces, looks, strict=True) if p.channel == "displacement"),
-        default=0.0,
-    ) or 1.0
-    for i, (piece, f) in enumerate(zip(pieces, looks, strict=True)):
-        begin, nb = int(start[i]), piece.blocks.n
-        t = f.time_s
-        if nb >= _DRIFTS:
-            x = np.linspace(-1, 1, nb)
-            every = np.arange(begin, begin + nb)
-            rows.add(every, x, Window("trend", i, "a drift over the recording", float(t[0]), float(t[-1]), "drift"))
-        if f.frequency_Hz > 0:
-            inside = np.flatnonzero(np.isfinite(f.phase))
-            for k in range(1, HARMONICS + 1):
-                for name, wave in (("cos", np.cos), ("sin", np.sin)):
-                    rows.add(
-                        begin + inside,
-                        wave(2 * np.pi * k * f.phase[inside]),
-                        Window(
-                            "frequency",
-                            i,
-                            f"harmonic {k} of {f.frequency_Hz:.3g} Hz ({name})",
-                            float(t[inside[0]]),
-                            float(t[inside[-1]]),
-                            f"{f.frequency_Hz:.3g}:{k}",
-                        ),
-                    )
-            for repeat in range(int(f.repetition.max()) + 1):
-                own = np.flatnonzero(f.repetition == repeat)
-                if own.size >= _SMALLEST and repeat < _PERIODS:
-                    for name, shape in (
-                        ("level", None),
-                        ("sin", np.sin(2 * np.pi * f.phase[own])),
-                        ("cos", np.cos(2 * np.pi * f.phase[own])),
-                    ):
-                        rows.add(
-                            begin + own,
-                            shape,
-                            Window(
-                                "repetition",
-                                i,
-                                f"period {repeat + 1} ({name})",
-                                float(t[own[0]]),
-                                float(t[own[-1]]),
-                                str(repeat + 1),
-                            ),
-                        )
-        prefix = piece.channel
-        for rising in (1, -1):
-            for j in range(SINCE_EDGE.size - 1):
-                own = np.flatnonzero(
-                    (f.since_edge_s >= SINCE_EDGE[j])
-                    & (f.since_edge_s < SINCE_EDGE[j + 1])
-                    & (np.sign(f.jump) == rising)
-                )
-                if own.size:
-                    edge_bins.setdefault((prefix, rising, j), []).append(begin + own)
-                    rows.add(
-                        begin + own,
-                        None,
-                        Window(
-                            "edge",
-                            i,
-                            f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {_WAY[rising]} edges",
-                            float(t[own[0]]),
-                            float(t[own[-1]]),
-                            f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
-                        ),
-                    )
-        if prefix == "displacement":
-            for j in range(6):
-                own = np.flatnonzero((f.level >= top * j / 6) & (f.level < top * (j + 1) / 6 + (1e-9 if j == 5 else 0)))
-                if own.size:
-                    level_bins.setdefault((prefix, j), []).append(begin + own)
-        for name, chosen in (("up", f.speed > 0.05), ("down", f.speed < -0.05)):
-            own = np.flatnonzero(chosen & np.isinf(f.since_edge_s) | chosen & (f.since_edge_s > 0.01))
-            if own.size:
-                way_bins.setdefault(name, []).append(begin + own)
-                rows.add(
-                    begin + own,
-                    None,
-                    Window("direction", i, f"while the input goes {name}", float(t[own[0]]), float(t[own[-1]]), name),
-                )
-    for (_prefix, rising, j), parts in edge_bins.items():
-        if len(parts) > 1:
-            word = "rising" if rising > 0 else "falling"
-            rows.add(
-                np.concatenate(parts),
-                None,
-                Window(
-                    "edge",
-                    -1,
-                    f"{SINCE_EDGE[j]:g}-{SINCE_EDGE[j + 1]:g} s after {word} edges",
-                    0.0,
-                    0.0,
-                    f"{'rise' if rising > 0 else 'fall'}:{SINCE_EDGE[j]:g}",
-                ),
-            )
-    for (_prefix, j), parts in level_bins.items():
-        rows.add(
-            np.concatenate(parts),
-            None,
-            Window(
-                "voltage", -1, f"{top * j / 6:.0f}-{top * (j + 1) / 6:.0f} V", 0.0, 0.0, f"{top * (j + 0.5) / 6:.0f}"
-            ),
-        )
-    for name, parts in way_bins.items():
-        rows.add(np.concatenate(parts), None, Window("direction", -1, f"while the input goes {name}", 0.0, 0.0, name))
-    return rows
