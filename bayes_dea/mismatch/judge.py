@@ -44,8 +44,11 @@ class Judged:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
         out = [found.note() for found in (self.uneven, self.swings, self.gains) if found is not None]
-        if self.explanation.small is not None and verdict != UNKNOWN:
-            out.append(small_note(self.explanation.small, self.explanation.weighed))
+        best = self.explanation
+        # a verdict with one effect more than the best explanation claims just what that leaves
+        claimed = verdict != UNKNOWN and self.ruling.named in (NONE, best.weighed.name)
+        if best.small is not None and claimed:
+            out.append(small_note(best.small, best.weighed))
         return [*out, *self.timing()]
 
     def timing(self) -> list[str]:

@@ -1,13 +1,17 @@
 """What a diagnosis prints at its end."""
 
 import shlex
+from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from bayes_dea.experiments.words import recording_in_words
 from bayes_dea.mismatch.go_on import calibrate_command
+from bayes_dea.mismatch.judge import Judged
 from bayes_dea.mismatch.store import terminal_summary
+from bayes_dea.mismatch.verdict import Ruling
 from bayes_dea.mismatch.words import sentence
 
 _NUMBER = {"mean": 0.02512, "sd": 0.0098}
@@ -110,3 +114,17 @@ def test_what_the_statement_says_as_a_sentence_is_not_said_again(summary):
     summary["statement"] = f"{sentence(note)} {summary['statement']}"
     summary["warnings"] = [*summary["warnings"], note]
     assert terminal_summary(summary).count("sensor's gain differs") == 1
+
+
+@pytest.mark.parametrize(("verdict", "said"), [
+    ("series_resistance", True), ("none", True), ("series_resistance+strain_stiffening", False), ("unknown", False),
+])
+def test_what_is_claimed_is_not_said_to_be_too_small_to_be_claimed(verdict, said):
+    """Of what a resistance leaves, stiffening was claimed in one sentence, and in the next that it is too small."""
+    small = SimpleNamespace(effects=("series_resistance", "thickness_feedback"), size_m=4e-8)
+    leads = SimpleNamespace(effects=("series_resistance",), name="series_resistance")
+    best = SimpleNamespace(small=small, weighed=leads)
+    found = dict.fromkeys(f.name for f in fields(Judged))
+    ruling = Ruling(verdict, {verdict: 1.0}, {verdict: verdict}, {})
+    notes = Judged(**{**found, "ruling": ruling, "explanation": best}).notes()
+    assert any("thickness_feedback of 0.04 um" in n for n in notes) == said
