@@ -37,7 +37,7 @@ from .naming import (
     log_probabilities,
     with_adequacy,
 )
-from .pairs import PARTNERS, beside_the_leader, beside_the_next, freed, in_place_of_the_first
+from .pairs import PARTNERS, behind_more, beside_the_leader, beside_the_next, freed, in_place_of_the_first
 from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
@@ -46,6 +46,7 @@ from .second_thoughts import merged, second_thoughts
 from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
+from .work_of_a_mode import in_place_of_a_mode
 
 Array = NDArray[np.float64]
 
@@ -165,11 +166,10 @@ def name_physics(
             return ReadOtherwise()
         memory.singles = first
     frames, none, quest, singles, columns = first.frames, first.none, first.quest, first.weighed, first.columns
-    sized = next((f.fit for f in frames if f.kind == "sized"), None)
-    search = _Search(quest, brief, none, first.places, columns, dict(singles), look, otherwise, sized)
+    search = _Search(quest, brief, none, first.places, columns, dict(singles), look, otherwise, frames)
     search.known.take_from_elsewhere(again(begun, quest.base, brief.prior))
     try:
-        search.run([f.fit.q for f in frames[1:]])
+        search.run()
     except _SpoiledError:
         led = search.together()
         ahead = {f.problem.model.name for f in led}
@@ -204,6 +204,9 @@ def _weighed_alone(
     if taken > 0.0 and max((s.promise for s in found), default=0.0) < NEARLY * taken:
         return None
     weighed = refined(base, found, quest, 2, look)
+    for w in in_place_of_a_mode(base, quest) if none.adequate else ():
+        if w.log_evidence > weighed[w.name].log_evidence:
+            weighed[w.name] = w
     return _Singles(given, frames, columns, places, none, skipped, quest, found, weighed)
 
 
@@ -224,7 +227,8 @@ class _Search:
 
     def __init__(
         self, quest: Quest, brief: Brief, none: Explanation, places: Places, columns: list[Array],
-        singles: dict[str, Weighed], look: Callable[[Fit], None], otherwise: Callable[[Fit], float], sized: Fit | None,
+        singles: dict[str, Weighed], look: Callable[[Fit], None], otherwise: Callable[[Fit], float],
+        frames: Sequence[Frame],
     ) -> None:
         self.quest, self.brief = quest, brief
         self.none = self.best = none
@@ -232,18 +236,17 @@ class _Search:
         self.put_off = False
         self.odds = prior_odds()
         elsewhere = [p for p in brief.unseen if p.channel == "displacement"]
+        sized = next((f.fit for f in frames if f.kind == "sized"), None)
         self.known = Known(
             none.weighed, brief.resolution_m, self.odds, max(len(quest.names), 1), elsewhere, singles, brief.prior,
             sized,
         )  # fmt: skip
         self._places, self._columns, self._look, self._otherwise = places, columns, look, otherwise
+        self._frames = frames
         self._considered: list[Weighed] = []
 
-    def run(self, starts: list[Array]) -> None:
-        """One effect, further ones where one is not enough, and what is left after that.
-
-        starts: where the base was fitted to parts of the recordings.
-        """
+    def run(self) -> None:
+        """One effect, further ones where one is not enough, and what is left after that."""
         ranked = sorted(self.known.counting, key=lambda w: -self.known.weight(w))
         if ranked and ranked[0].log_evidence > self.none.weighed.log_evidence - SLIGHT:
             self._tell(0, 6, ranked[0].name)
@@ -257,7 +260,8 @@ class _Search:
         if not self.best.adequate:
             self._settle(but_for_what_is_too_small(self.best, self.known, self._explained))
         if self.best.discrepancy is None:
-            # what imitated something that was left out has to find back
+            # what imitated something that was left out has to find back, from where parts of the recordings have it
+            starts = [f.fit.q for f in self._frames[1:]]
             beside_it = discrepancy(
                 self.best.weighed.fit, self._columns, self.brief.prior, [] if self._is_explained else starts,
                 self._tell, straight=self._is_explained,
@@ -395,8 +399,10 @@ class _Search:
         if promised < NEARLY * taken:
             self.put_off = promised >= _PROMISES * taken
             return []
-        start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
-        more = self._taken(found)
+        more = self._taken(behind_more(start, self._frames, self.quest))
+        if not self.quest.explained_by(top_of(more, start).fit):
+            start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
+            more += self._taken(found)
         if first_of_all and more:
             late = self.known.weighed.get("+".join(together(start.effects, DELAY)))
             more += self._taken(read_early_or_late(max(more, key=self.known.weight), start, late, self.quest))

@@ -8,10 +8,12 @@ from dataclasses import replace
 
 from ...gauss_newton.laws import COUNTED
 from ...gauss_newton.noise_prior import NoisePrior
+from ...models.effects import registered_effects
 from ..where.size import effect_size
-from .beside import beside, puts_back, together, top_of
+from .beside import CONTAINS, beside, beside_these, puts_back, together, top_of
+from .frame import Frame
 from .hypotheses import DELAY
-from .promising import DEAR, FOUND, RIVALS
+from .promising import DEAR, FOUND, RIVALS, refined
 from .quest import Quest
 from .relabel import FURTHER, with_stand_in_idle
 from .weigh import Weighed, excess
@@ -62,6 +64,24 @@ def beside_the_leader(
     if quest.explained_by(top.fit):
         return quick, found
     return first, found + beside(first, quest, reached=min((w.value for w in found), default=math.inf))
+
+
+def behind_more(first: Weighed, frames: Sequence[Frame], quest: Quest) -> list[Weighed]:
+    """A single effect that contains another one, beside that, looked for from where the base stands; none for any else.
+
+    A leak acts through the resistance of the actuator itself. Behind a resistor that is larger than this may be, its
+    fit ends at the end of that prior, where the modes of the base do the rest badly; from there nothing shows that the
+    resistance is larger. frames: from which single effects are looked for.
+    """
+    narrow = CONTAINS.get(first.effects[0]) if len(first.effects) == 1 else None
+    if narrow not in quest.names:
+        return []
+    shared = {p.name for p in registered_effects()[narrow].parameters}
+    if not any(name.removeprefix("log ") in shared for name in first.fit.at_bound):
+        return []
+    quest.say("weighing pairs", 0, 1, "+".join(together(first.effects, narrow)))
+    screened = beside_these(frames, (narrow,), first.effects[0], quest.model, quest.given, sparse=False)
+    return list(refined(quest.base, screened, quest.unasked(), 2).values())
 
 
 def _narrowest(first: Weighed, weighed: Sequence[Weighed]) -> Weighed:
