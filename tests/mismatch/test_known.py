@@ -1,7 +1,7 @@
 """What has been weighed: what replaces what, what counts, and with what prior odds."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -121,6 +121,7 @@ def test_a_size_is_that_against_the_likeliest_that_is_simpler(monkeypatch):
         asked.append(simpler)
 
     monkeypatch.setattr("bayes_dea.mismatch.search.known.with_true_modes", held)
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.sized_start", lambda *_: None)
     one, other = Stub(("leakage",), 50.0), Stub(("inertia",), 60.0)
     pair = Stub(("leakage", "inertia"), 100.0, size_m=0.0)
     k = Known(NONE, 1e-7, ODDS, 20, (), {w.name: w for w in (one, pair)}, noise=object())
@@ -145,3 +146,31 @@ def test_on_recordings_not_fitted_a_second_effect_counts_by_what_it_adds_itself(
     assert not k.enough(pair)
     assert k.enough(both)
     assert k.enough(Stub(single.effects, 100.0, 1e-8, single.fit))
+
+
+def test_what_is_found_in_less_than_a_step_is_no_larger_by_recordings_not_fitted(monkeypatch):
+    """Beside softening, a supply that ends just above what was commanded: 0.036 um, and 25 um at more volts."""
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.size_elsewhere", lambda *of: 2.5e-5 if of[2] else 0.0)
+    single = Stub(("mullins_softening",), 100.0, 1e-4)
+    pair = Stub(("mullins_softening", "supply_saturation"), 111.0, 3.6e-8)
+    k = Known(NONE, 1e-7, ODDS, 20, ("a recording",), {w.name: w for w in (single, pair)})
+    assert k.enough(pair)
+    settled = replace(k, nothing_left=(frozenset(single.effects),))
+    assert not settled.enough(pair)
+    assert settled.enough(single)
+    assert settled.enough(Stub(pair.effects, 111.0, 2e-7))
+    assert settled.enough(Stub(("sensor_drift",), 111.0, 3.6e-8))  # nothing is known of what others leave
+
+
+def test_beside_another_an_effect_is_held_against_that_without_a_gain_that_no_sensor_has(monkeypatch):
+    """Not against the base without one: beside a large effect whatever was added passed for as large."""
+    single, pair = Stub(("leakage",), 50.0, 1e-4), Stub(("leakage", "inertia"), 100.0, 1e-8)
+    stated = {id(single.fit): Peak(0.0)}
+    sizes = {id(NONE.fit): 1e-4, id(stated[id(single.fit)]): 3e-8}
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.with_true_modes", lambda *_: None)
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.sized_start", lambda fit, *_: stated.get(id(fit)))
+    monkeypatch.setattr("bayes_dea.mismatch.search.known.effect_size", lambda base, _: sizes[id(base)])
+    by_name = {w.name: w for w in (single, pair)}
+    assert not Known(NONE, 1e-7, ODDS, 20, (), by_name, noise=object(), sized=NONE.fit).enough(pair)
+    sizes[id(stated[id(single.fit)])] = 3e-7
+    assert Known(NONE, 1e-7, ODDS, 20, (), by_name, noise=object(), sized=NONE.fit).enough(pair)

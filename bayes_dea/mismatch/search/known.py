@@ -13,6 +13,7 @@ from ..where.size import effect_size, size_elsewhere
 from .hypotheses import DELAY, Odds
 from .once import Once
 from .phase import below_a_sample
+from .slow_start import sized_start
 from .stand_ins import with_true_modes
 from .weigh import Weighed
 
@@ -33,7 +34,9 @@ class Known:
     none: the base alone; singles: number of effects that may be added to it; elsewhere: displacements that were not
     fitted, of which the commands alone are used: an effect is as large as on the recording that it moves most. noise:
     its prior, with which an effect is held against modes that are none of its own making (`stand_ins`). sized: the
-    base fitted with gains that keep to what the sensor states, where its own do not (`slow_start`).
+    base fitted with gains that keep to what the sensor states, where its own do not (`slow_start`). nothing_left:
+    effects of explanations that leave nowhere as much as the sensor resolves. What is found in that is as small; that
+    it would be larger on recordings that were not fitted is for these to say (`second_look`).
     """
 
     none: Weighed
@@ -44,6 +47,8 @@ class Known:
     weighed: dict[str, Weighed] = field(default_factory=dict)
     noise: NoisePrior | None = None
     sized: Fit | None = None
+    nothing_left: tuple[frozenset[str], ...] = ()
+    _gains_kept: Once[Fit | None] = field(default_factory=Once, repr=False)
     _sizes: Once[float] = field(default_factory=Once, repr=False)
     _sizes_elsewhere: Once[float] = field(default_factory=Once, repr=False)
 
@@ -114,32 +119,45 @@ class Known:
         sizes = (self._elsewhere, self._with_gains_kept, self._with_modes_kept)
         return any(size(w) >= self.resolution_m for size in sizes)
 
+    def _unseen(self, w: Weighed) -> Sequence[Piece]:
+        """Recordings that were not fitted, where its size on these counts."""
+        return () if any(effects < set(w.effects) for effects in self.nothing_left) else self.elsewhere
+
     def _elsewhere(self, w: Weighed) -> float:
         """Its size (m) on recordings that were not fitted; of several effects, that of the one that matters least."""
-        if not self.elsewhere:
+        if not self._unseen(w):
             return 0.0
         simpler = self._simpler(w) if self.physics(w) > 1 else None
         without = self.none.fit if simpler is None else simpler.fit
         return self._sizes_elsewhere((w.fit, without), lambda: size_elsewhere(without, w.fit, self.elsewhere))
 
     def _with_gains_kept(self, w: Weighed) -> float:
-        """Its size (m) against the base without a gain that no sensor has; 0 where it has none, or is no worse."""
-        sized = self.sized
-        if sized is None or w.log_evidence < self.none.log_evidence + _NEEDED:
+        """Its size (m) against what lacks it without a gain that no sensor has; 0 where that has none, or is no worse.
+        """
+        simpler = self._simpler(w)
+        if simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
             return 0.0
-        return self._sizes((w.fit, sized), lambda: effect_size(sized, w.fit))
+        sized = self._with_stated_gains(simpler)
+        return 0.0 if sized is None else self._sizes((w.fit, sized), lambda: effect_size(sized, w.fit))
+
+    def _with_stated_gains(self, w: Weighed) -> Fit | None:
+        """A fit again with gains that keep to what the sensor states; None where its own do."""
+        noise = self.noise
+        if w is self.none or noise is None:
+            return self.sized if w is self.none else None
+        return self._gains_kept((w.fit,), lambda: sized_start(w.fit, noise, []))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""
-        simpler, noise = self._simpler(w), self.noise
+        simpler, noise, unseen = self._simpler(w), self.noise, self._unseen(w)
         if noise is None or simpler is None or w.log_evidence < simpler.log_evidence + _NEEDED:
             return 0.0
 
         def size() -> float:
             held = with_true_modes(w.fit, simpler.fit, noise)
-            return 0.0 if held is None else max(effect_size(held, w.fit), size_elsewhere(held, w.fit, self.elsewhere))
+            return 0.0 if held is None else max(effect_size(held, w.fit), size_elsewhere(held, w.fit, unseen))
 
-        return self._sizes((w.fit, simpler.fit), size)
+        return self._sizes((w.fit, simpler.fit, unseen), size)
 
     def _simpler(self, w: Weighed) -> Weighed | None:
         """The likeliest that lacks one of its effects."""

@@ -308,6 +308,9 @@ class _Search:
         """Go on with a hypothesis as the best so far."""
         self.best = self._explained(w)
         self.others.append(self.best)
+        if self.best.below_a_step:
+            left = (*self.known.nothing_left, frozenset(w.effects))
+            self.known = replace(self.known, nothing_left=left)
 
     def _explained(self, w: Weighed) -> Explanation:
         return explain(w, self._places, self._columns, self.quest.rng, self.brief.prior, self._tell)
