@@ -1,9 +1,12 @@
 """A leak behind a resistor that is larger than the actuator's own resistance may be."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from bayes_dea.gauss_newton.noise_prior import noise_prior
+from bayes_dea.mismatch.search.beside import puts_back
 from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.pairs import behind_more
 from bayes_dea.mismatch.search.promising import frames_of
@@ -38,3 +41,14 @@ def test_one_that_needs_no_more_is_left_alone(diagnosed):
     alone = result.naming.weighed["leakage"]
     assert result.verdict == "leakage"
     assert looked_for(result, alone) == []
+
+
+@pytest.mark.parametrize(("narrow", "wide", "put_back"), [
+    (("series_resistance",), ("leakage",), True),
+    (("series_resistance", "inertia"), ("leakage", "inertia"), True),
+    (("series_resistance", "leakage"), ("leakage",), False),
+    (("inertia",), ("leakage",), False),
+])
+def test_a_leak_is_put_back_to_a_resistance_and_not_to_both(narrow, wide, put_back):
+    """A search that took the pair for the simpler explanation ended with an error."""
+    assert puts_back(SimpleNamespace(effects=narrow), SimpleNamespace(effects=wide)) == put_back

@@ -99,7 +99,8 @@ def _each_beside(frames: Sequence[Frame], best: Weighed, quest: Quest) -> list[S
 def puts_back(narrow: Weighed, w: Weighed) -> bool:
     """Whether an effect of `w` is the one that contains another one of `narrow`, all else being the same."""
     return any(
-        a in narrow.effects and set(w.effects) == {wide, *narrow.effects} - {a} for wide, a in CONTAINS.items()
+        a in narrow.effects and wide not in narrow.effects and set(w.effects) == {wide, *narrow.effects} - {a}
+        for wide, a in CONTAINS.items()
     )
 
 

@@ -38,7 +38,7 @@ from .naming import (
     with_adequacy,
 )
 from .pairs import PARTNERS, behind_more, beside_the_leader, beside_the_next, freed, in_place_of_the_first
-from .promising import LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
+from .promising import FOUND, LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
@@ -402,10 +402,11 @@ class _Search:
         if promised < NEARLY * taken:
             self.put_off = promised >= _PROMISES * taken
             return []
-        more = self._taken(behind_more(start, self._frames, self.quest))
-        if not self.quest.explained_by(top_of(more, start).fit):
-            start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
-            more += self._taken(found)
+        behind = self._taken(behind_more(start, self._frames, self.quest))
+        if behind and behind[0].log_evidence > start.log_evidence + FOUND:
+            return behind  # others are looked for beside that
+        start, found = beside_the_leader(start, self.known.counting, self.quest, self._thoughts)
+        more = self._taken(found)
         if first_of_all and more:
             late = self.known.weighed.get("+".join(together(start.effects, DELAY)))
             more += self._taken(read_early_or_late(max(more, key=self.known.weight), start, late, self.quest))
