@@ -205,7 +205,7 @@ def _weighed_alone(
         return None
     weighed = refined(base, found, quest, 2, look)
     for w in in_place_of_a_mode(base, quest) if none.adequate else ():
-        if w.log_evidence > weighed[w.name].log_evidence:
+        if w.name not in weighed or w.log_evidence > weighed[w.name].log_evidence:
             weighed[w.name] = w
     return _Singles(given, frames, columns, places, none, skipped, quest, found, weighed)
 
