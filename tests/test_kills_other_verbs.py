@@ -12,8 +12,9 @@ from tiny_campaign import tiny_campaign
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no signals and forks")
 
-#: how often each verb is stopped, by these in turn
+#: by what each verb is stopped in turn, and how often where the whole has to be done in a quarter of an hour
 SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGTERM, signal.SIGKILL)
+FEWER = 2
 VERBS = {
     "diagnose": (["--model", "hooke"], "diagnosis.json"),
     "compare": (["--models", "hooke,hooke+gm1"], "comparison.json"),
@@ -63,8 +64,9 @@ def wait(for_what, runs, process):
         time.sleep(0.002)
 
 
+@pytest.mark.parametrize("signals", [SIGNALS[:FEWER], pytest.param(SIGNALS, marks=pytest.mark.long)], ids=len)
 @pytest.mark.parametrize("verb", VERBS)
-def test_random_kills(tiny, tmp_path, verb):
+def test_random_kills(tiny, tmp_path, verb, signals):
     options, file = VERBS[verb]
 
     def words(out):
@@ -81,7 +83,7 @@ def test_random_kills(tiny, tmp_path, verb):
         expected = timeless(undisturbed, file)
         out = with_earlier_results(tmp_path / "out0", file)
         stopped = tries = 0
-        while stopped < len(SIGNALS):
+        while stopped < len(signals):
             process = runs.start(words(out))
             if stopped == 0:  # once for sure when there is something to go on from
                 wait(lambda into=out: any(into.glob(".checkpoint-*")), runs, process)
@@ -90,7 +92,7 @@ def test_random_kills(tiny, tmp_path, verb):
                 until = time.monotonic() + float(rng.uniform(0.0, lasts))
             wait(lambda at=until: time.monotonic() >= at, runs, process)
             if runs.running(process):
-                os.kill(process, SIGNALS[stopped])
+                os.kill(process, signals[stopped])
             status, said = runs.end()
             if status == 0:  # it was done before
                 assert timeless(out, file) == expected
@@ -99,7 +101,7 @@ def test_random_kills(tiny, tmp_path, verb):
                 assert tries < 20
                 out = with_earlier_results(tmp_path / f"out{tries}", file)
                 continue
-            allowed = (-signal.SIGKILL, "") if SIGNALS[stopped] == signal.SIGKILL else (128 + signal.SIGTERM, STOPPED)
+            allowed = (-signal.SIGKILL, "") if signals[stopped] == signal.SIGKILL else (128 + signal.SIGTERM, STOPPED)
             assert (status, said) == allowed
             assert_whole(out, file)
             assert stopped or any(out.glob(".checkpoint-*"))

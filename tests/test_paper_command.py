@@ -177,7 +177,7 @@ def without_pictures(parts: Made) -> None:
         path.write_text(path.read_text().replace('"curves", "what to see"', '"", ""'), encoding="utf-8")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_killed_and_resumed_it_ends_at_the_same_numbers(
     parts: Made, tmp_path: Path, environment: dict[str, str], how: signal.Signals
 ):

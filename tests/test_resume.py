@@ -249,6 +249,7 @@ def test_a_checkpoint_that_does_not_fit_is_not_used(campaign, undisturbed, tmp_p
     assert timeless(again.summary) == timeless(undisturbed.summary)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_refits")
 def test_workers_change_no_number(small_campaign):
     both = bd.load_campaign(small_campaign)

@@ -96,7 +96,10 @@ def draws_of(e, n, steps=400):
     return flat[np.linspace(0, len(flat) - 1, n).astype(int)]
 
 
-@pytest.mark.parametrize("effect", list(EFFECTS))
+@pytest.mark.parametrize("effect", [
+    "series_resistance",
+    *(pytest.param(e, marks=pytest.mark.long) for e in ("thickness_feedback", "rate_independent_hysteresis")),
+])
 def test_emulated_and_simulated_density_agree_over_the_posterior(effect):
     e, _ = emulation_of(effect)
     q = draws_of(e, 150)

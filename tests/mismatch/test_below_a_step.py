@@ -33,7 +33,7 @@ def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resoluti
 
 
 @pytest.mark.parametrize(("resolution_m", "verdict"), [
-    pytest.param(0.15e-6, "unknown", marks=pytest.mark.long), (2e-6, "series_resistance"),
+    pytest.param(*x, marks=pytest.mark.long) for x in [(0.15e-6, "unknown"), (2e-6, "series_resistance")]
 ])
 def test_beside_physics_it_is_no_mismatch_of_unknown_kind_either(resolution_m, verdict):
     s = diagnose(wavering(resolution_m, hidden={"series_resistance": {"R_s_ohm": 4e5}}), "hooke+gm3").summary
@@ -60,7 +60,8 @@ def test_rounding_is_nothing_unknown():
     assert set(s["indistinguishable"]) == {"inertia", "unknown"}
 
 
-@pytest.mark.parametrize(("resolution_m", "seen"), [(0.15e-6, True), pytest.param(2e-6, False, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize(("resolution_m", "seen"), [(0.15e-6, True), (2e-6, False)])
 def test_on_recordings_to_validate_it_contradicts_nothing(resolution_m, seen):
     s = diagnose(wavering(resolution_m, "sine_1Hz.csv", 1.7), "hooke+gm3").summary
     assert any("recordings to validate" in w for w in s["warnings"]) == seen

@@ -108,6 +108,7 @@ def test_a_lag_and_the_tenth_of_a_sample_that_it_looks_like_stand_side_by_side(e
     assert "These recordings cannot tell that shift from" in s["statement"]
 
 
+@pytest.mark.long
 def test_a_delay_of_one_sample_and_a_bit_is_a_delay():
     """1.3 ms at 1 kHz: read one row later, what is left would look like a resistance."""
     s = diagnose(concealed({"acquisition_delay": {"T_d_s": 0.0013}}), "hooke+gm3").summary

@@ -112,7 +112,7 @@ def test_physics_is_named_beside_them(monkeypatch):
 
 @pytest.mark.parametrize(("effects", "factors", "at_once"), [
     ({}, FACTORS - 0.3 * (FACTORS - 1.0), True),
-    ({"series_resistance": {"R_s_ohm": 1.2e5}}, FACTORS, False),
+    pytest.param({"series_resistance": {"R_s_ohm": 1.2e5}}, FACTORS, False, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_no_effect_is_fitted_where_gains_leave_nothing_and_none_promises_more(monkeypatch, effects, factors, at_once):
     ended, search = [], sought.name_physics
@@ -168,8 +168,8 @@ def test_pairs_that_were_put_off_are_sought_where_gains_do_not_settle_it(monkeyp
 
 
 @pytest.mark.parametrize(("promised", "sought_first", "put_off"), [
-    (240.0, True, False),
-    *(pytest.param(*x, marks=pytest.mark.long) for x in [(200.0, False, True), (90.0, False, False)]),
+    pytest.param(*x, marks=pytest.mark.long)
+    for x in [(240.0, True, False), (200.0, False, True), (90.0, False, False)]
 ])
 def test_what_a_pair_has_to_promise(monkeypatch, promised, sought_first, put_off):
     """Nearly as much as gains bring, or they are tried first; less than a third of that, and no pair is looked for."""

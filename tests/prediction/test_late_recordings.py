@@ -36,6 +36,7 @@ def relaxing(t, on_s):
     return np.where(t > on_s, creep, 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_refits")
 def test_recordings_that_are_late_give_predictions_that_are(tmp_path):
     t = np.arange(1500) * 0.004
