@@ -11,7 +11,7 @@ from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.relocate import stands_in
-from bayes_dea.mismatch.search.work_of_a_mode import in_place_of_a_mode
+from bayes_dea.mismatch.search.work_of_a_mode import instead_of_a_mode
 
 NAMES = ("series_resistance", "sensor_lag", "parallel_damper", "sensor_drift")
 
@@ -24,7 +24,7 @@ def in_its_place(tau_s):
     result = diagnose(campaign, "hooke+gm3", seed=1)
     prior = noise_prior(result.assembled)
     quest = Quest(result.base, NAMES, effect_priors(NAMES, campaign), prior, np.random.default_rng(1))
-    return result.base, in_place_of_a_mode(result.base, quest)
+    return result.base, instead_of_a_mode(result.base, quest)
 
 
 def test_a_lag_that_the_base_does_by_a_mode_is_found_in_its_place():

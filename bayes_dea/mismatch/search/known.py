@@ -142,10 +142,10 @@ class Known:
 
     def _with_stated_gains(self, w: Weighed) -> Fit | None:
         """A fit again with gains that keep to what the sensor states; None where its own do."""
+        if w is self.none:
+            return self.sized
         noise = self.noise
-        if w is self.none or noise is None:
-            return self.sized if w is self.none else None
-        return self._gains_kept((w.fit,), lambda: sized_start(w.fit, noise, []))
+        return None if noise is None else self._gains_kept((w.fit,), lambda: sized_start(w.fit, noise, []))
 
     def _with_modes_kept(self, w: Weighed) -> float:
         """Its size (m) against what lacks it, whose fastest mode is kept from doing its work; 0 where not known."""

@@ -46,7 +46,7 @@ from .second_thoughts import merged, second_thoughts
 from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
-from .work_of_a_mode import in_place_of_a_mode
+from .work_of_a_mode import instead_of_a_mode
 
 Array = NDArray[np.float64]
 
@@ -204,9 +204,10 @@ def _weighed_alone(
     if taken > 0.0 and max((s.promise for s in found), default=0.0) < NEARLY * taken:
         return None
     weighed = refined(base, found, quest, 2, look)
-    for w in in_place_of_a_mode(base, quest) if none.adequate else ():
-        if w.name not in weighed or w.log_evidence > weighed[w.name].log_evidence:
-            weighed[w.name] = w
+    if none.adequate:
+        for w in instead_of_a_mode(base, quest):
+            if w.name not in weighed or w.log_evidence > weighed[w.name].log_evidence:
+                weighed[w.name] = w
     return _Singles(given, frames, columns, places, none, skipped, quest, found, weighed)
 
 

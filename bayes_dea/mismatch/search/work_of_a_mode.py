@@ -24,7 +24,7 @@ _LEAVES = 0.1
 _MOST = 4
 
 
-def in_place_of_a_mode(base: Fit, quest: Quest) -> list[Weighed]:
+def instead_of_a_mode(base: Fit, quest: Quest) -> list[Weighed]:
     """Effects fitted from the base without its mode that is too fast to be seen as one; none where there is no such.
 
     base: one that leaves nothing to be explained.

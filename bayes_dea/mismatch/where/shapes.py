@@ -106,14 +106,14 @@ def _periods(look: _Look) -> Iterator[Shaped]:
 def _after_edges(seen: Sequence[_Look]) -> Iterator[Shaped]:
     """Of each recording, and of all with the same channel where that are several."""
     for channel in dict.fromkeys(look.channel for look in seen):
+        theirs = [look for look in seen if look.channel == channel]
         for sign, word, short in ((1, "rising", "rise"), (-1, "falling", "fall")):
             for low, high in pairwise(SINCE_EDGE):
                 what, key, all_own = f"{low:g}-{high:g} s after {word} edges", f"{short}:{low:g}", []
-                for look in seen:
+                for look in theirs:
                     f = look.features
-                    after = (f.since_edge_s >= low) & (f.since_edge_s < high) & (np.sign(f.jump) == sign)
-                    own = np.flatnonzero(after)
-                    if look.channel == channel and own.size:
+                    own = np.flatnonzero((f.since_edge_s >= low) & (f.since_edge_s < high) & (np.sign(f.jump) == sign))
+                    if own.size:
                         all_own.append(look.begin + own)
                         yield look.window("edge", own, what, key)
                 if len(all_own) > 1:
@@ -121,12 +121,14 @@ def _after_edges(seen: Sequence[_Look]) -> Iterator[Shaped]:
 
 
 def _at_levels(seen: Sequence[_Look]) -> Iterator[Shaped]:
-    top = max((float(np.max(look.features.level)) for look in seen), default=0.0) or 1.0
-    borders = top * np.arange(_LEVELS + 1) / _LEVELS
-    for low, high in pairwise(borders):
-        below = np.inf if high == top else high
+    if not seen:
+        return
+    top = max(float(np.max(look.features.level)) for look in seen) or 1.0
+    for j in range(_LEVELS):
+        low, high = top * j / _LEVELS, top * (j + 1) / _LEVELS
+        below = high if j + 1 < _LEVELS else np.inf
         at = [(look.begin, (look.features.level >= low) & (look.features.level < below)) for look in seen]
-        own = [begin + np.flatnonzero(inside) for begin, inside in at] or [np.empty(0, dtype=np.int64)]
+        own = [begin + np.flatnonzero(inside) for begin, inside in at]
         yield _across("voltage", own, f"{low:.0f}-{high:.0f} V", f"{0.5 * (low + high):.0f}")
 
 
