@@ -27,6 +27,7 @@ from .elements import counted
 from .frame import Frame
 from .grid import Screened
 from .hypotheses import DELAY, candidates, effect_priors, prior_odds
+from .in_its_place import alike
 from .known import SLIGHT, Known, shares
 from .naming import (
     WORTH_LABELLING,
@@ -270,7 +271,10 @@ class _Search:
             self.best = replace(self.best, discrepancy=beside_it)
             self.none = self.best if self.best.weighed is self.none.weighed else self.none
         if self._is_explained and self.best.adequate:
-            self.known.take_from_elsewhere(from_the_leader(self.best.weighed, self.known.counting, self.quest))
+            best = self.best.weighed
+            self.known.take_from_elsewhere(from_the_leader(best, self.known.counting, self.quest))
+            fitted = {name for name, w in self.known.weighed.items() if w.refitted}
+            self.known.take_from_elsewhere(alike(best, fitted, self.quest))
 
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
         """The probabilities of all that was weighed."""

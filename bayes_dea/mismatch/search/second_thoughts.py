@@ -14,8 +14,9 @@ from .beside import CONTAINS, beside, beside_these, names_beside, puts_back, tog
 from .frame import Frame, own_index
 from .grid import Screened
 from .hypotheses import DELAY, extended
+from .in_its_place import in_its_place
 from .pairs import NEXT, PART
-from .promising import MASS, of_laws, stripped
+from .promising import MASS, of_laws
 from .quest import Quest
 from .relabel import FURTHER, in_place_of_one, within, without_stand_in
 from .weigh import Weighed, excess, refine
@@ -98,26 +99,13 @@ def widened(pair: Weighed, quest: Quest, reached: float = math.inf) -> list[Weig
 
     reached: the value (see `Weighed`) of what is known already; what stays far behind it is given up.
     """
-    out = []
+    out: list[Weighed] = []
     for wide, narrow in CONTAINS.items():
         if narrow not in pair.effects or wide in pair.effects or wide not in quest.names:
             continue
         others = [n for n in pair.effects if n != narrow]
-        bare = extended(quest.model, others, quest.given) if others else quest.model
-        plain = stripped(pair.fit, bare, quest.prior) if bare is not None else None
-        if plain is None:
-            continue
         quest.say("leaving one out", 0, 1, "+".join(together(others, wide)))
-        screened = beside_these(
-            [Frame(plain)], others, wide, quest.model, quest.given,
-            sparse=False, series_ohm=pair.fit.values().get("R_s_ohm"),
-        )  # fmt: skip
-        for s in screened:
-            w = refine(plain, s, quest.prior, 2, min(pair.value, reached), _FAR_BEHIND)
-            if w is not None:
-                # the grid around a place that is not its own maximum says little of the evidence
-                w = of_laws(replace(w, log_evidence=w.fit.log_evidence), screened)
-                out.append(replace(w, log_evidence_se=0.1, size_m=effect_size(quest.base, w.fit)))
+        out += in_its_place(pair, others, wide, quest, min(pair.value, reached), _FAR_BEHIND)
     return out
 
 

@@ -1,0 +1,69 @@
+"""Another effect in the place of one of several, looked for from where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+from ..where.size import effect_size
+from .beside import beside_these, names_beside, together
+from .frame import Frame
+from .hypotheses import extended
+from .promising import of_laws, stripped, too_dear
+from .quest import Quest
+from .weigh import Weighed, refine
+
+#: effects that come late by a time that does not depend on what they do, and so look alike in voltage recordings
+#: (confusion group G1 of the catalogue of missing physics); a mass is the same with much damping
+LATE = frozenset({
+    "series_resistance", "supply_current_limit", "one_quadrant_supply", "extra_relaxation_mode", "parallel_damper",
+    "inertia", "acquisition_delay", "sensor_lag",
+})  # fmt: skip
+#: nats behind what leads within which another one is its rival
+_NEAR = 12.0
+
+
+def in_its_place(
+    w: Weighed, others: Sequence[str], name: str, quest: Quest, reached: float, behind: float
+) -> list[Weighed]:
+    """An effect beside `others`, all of them among those of `w`, by each of its laws, from where that stands.
+
+    reached, behind: see `refine`.
+    """
+    bare = extended(quest.model, others, quest.given) if others else quest.model
+    plain = stripped(w.fit, bare, quest.prior) if bare is not None else None
+    if plain is None:
+        return []
+    screened = beside_these(
+        [Frame(plain)], others, name, quest.model, quest.given,
+        sparse=False, series_ohm=w.fit.values().get("R_s_ohm"),
+    )  # fmt: skip
+    out = []
+    for s in screened:
+        found = refine(plain, s, quest.prior, 2, reached, behind)
+        if found is not None:
+            # the grid around a place that is not its own maximum says little of the evidence
+            found = of_laws(replace(found, log_evidence=found.fit.log_evidence), screened)
+            out.append(replace(found, log_evidence_se=0.1, size_m=effect_size(quest.base, found.fit)))
+    return out
+
+
+def alike(w: Weighed, known: Collection[str], quest: Quest) -> list[Weighed]:
+    """Rivals of several effects with another one that comes late in the place of one that does.
+
+    The base of the first effect alone may do what the second one should, by a mode where nothing samples it (a branch
+    of 0.4 ms is a damper). From there just one of those that look alike is found, and would stand without its rivals.
+    known: names of hypotheses that were fitted.
+    """
+    out: list[Weighed] = []
+    for effect in w.effects if len(w.effects) > 1 else ():
+        others = [n for n in w.effects if n != effect]
+        rest = replace(w, effects=tuple(others))
+        names = [n for n in names_beside(rest, quest.names) if n in LATE and n not in w.effects]
+        for name in names if effect in LATE else ():
+            both = together(others, name)
+            if "+".join(both) in known or too_dear(both):
+                continue
+            quest.say("comparing rivals", 0, 1, "+".join(both))
+            out += in_its_place(w, others, name, quest.by(w.laws), w.value, _NEAR)
+    return out
