@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+import numpy as np
 from numba.core.caching import CacheImpl, CompileResultCacheImpl, FunctionCache
+from numpy.typing import ArrayLike, NDArray
 
 _IMPORT = re.compile(r"^\s*from\s+(\.*)([\w.]*)\s+import\s+(\([^)]*\)|[^\n]*)|^\s*import\s+([\w.]+)", re.MULTILINE)
 
@@ -31,6 +33,23 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return decorate
+
+
+def read_only(x: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+    """View of an array, contiguous, that nobody can write to by.
+
+    Kernels are compiled for each kind of array that they are called with: read-only columns of a recording are another
+    one than what was worked out from them. Large kernels take seconds to compile, so they are given one kind.
+    """
+    view = np.ascontiguousarray(x, dtype=dtype).view()
+    view.flags.writeable = False
+    return view
+
+
+def writeable(x: ArrayLike) -> NDArray[np.float64]:
+    """The same array of floats where it is contiguous and may be written to, else a copy: see `read_only`."""
+    array = np.ascontiguousarray(x, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
 
 
 @cache

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.bench.effects import ALL, Effects, checked
+from bayes_dea.compiled import read_only
 from bayes_dea.errors import InputError
 
 if TYPE_CHECKING:
@@ -210,7 +211,7 @@ class Rig:
             from bayes_dea.bench.sensing import first_order
 
             p = self.effects["supply_droop"]
-            warmth = first_order(time_s, (1e-3 * volts) ** 2, p["tau_droop_s"], 0.0)
+            warmth = first_order(read_only(time_s), read_only((1e-3 * volts) ** 2), p["tau_droop_s"], 0.0)
             volts = volts * (1.0 - p["droop_share"] * warmth)
         return volts
 
@@ -218,16 +219,17 @@ class Rig:
         """True displacement (n,) in m; the voltage of a row is in force until its time (hold "end")."""
         from bayes_dea.bench.integrate import SUBSTEP, strain_under_stress
 
-        time = np.ascontiguousarray(time_s, dtype=float)
+        time = read_only(time_s)
         k, tau = self.branches()
         if self._coupled:
             from bayes_dea.bench.coupled import TOLERANCE, TOLERANCE_RING, drive_coupled
 
             physics, yields = self._physics()
-            strain, _ = drive_coupled(time, self.supply_command(time, voltage_V), physics, k, tau, yields,
+            strain, _ = drive_coupled(time, read_only(self.supply_command(time, voltage_V)), physics, k, tau, yields,
                                       TOLERANCE * self.roughness, TOLERANCE_RING * self.roughness)
         else:
-            strain = strain_under_stress(time, self.maxwell_stress(voltage_V), self.material.Y_Pa, k, tau, SUBSTEP)
+            stress = read_only(self.maxwell_stress(voltage_V))
+            strain = strain_under_stress(time, stress, self.material.Y_Pa, k, tau, SUBSTEP)
         return strain * (self.geometry.layers * self.geometry.layer_thickness_m)
 
     def press(self, time_s: Array, position_m: Array, contact_m: float) -> Array:
@@ -242,7 +244,7 @@ class Rig:
             raise InputError(f"compression of the bench: strain {imposed.max():.3g} at a stack height of "
                              f"{self.geometry.stack_height_m} m; keep it below 1")
         k, tau = self.branches()
-        time, imposed = np.ascontiguousarray(time_s, dtype=float), np.ascontiguousarray(imposed, dtype=float)
+        time, imposed = read_only(time_s), read_only(imposed)
         if self._coupled:
             from bayes_dea.bench.coupled import press_coupled
 

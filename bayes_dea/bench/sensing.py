@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.bench.effects import Effects
-from bayes_dea.compiled import njit
+from bayes_dea.compiled import njit, read_only
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def distort(time_s: Array, true_m: Array, command_V: Array, temperature_C: Array
         y = np.interp(time_s - delay, time_s, y)
     lag = effects.get("sensor_lag", {}).get("tau_s_s", 0.0)
     if lag > 0.0:
-        y = first_order(time_s, np.ascontiguousarray(y), lag, y[0])
+        y = first_order(read_only(time_s), read_only(y), lag, y[0])
     if "cyclic_error" in effects:
         p = effects["cyclic_error"]
         y = y + p["cyclic_m"] * np.sin(2.0 * np.pi * y / p["cyclic_period_m"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import njit
+from ..compiled import njit, read_only
 
 #: a swing counts when it covers this share of the whole span: noise and small corrections are no repetition
 _SWING = 0.2
@@ -47,7 +47,7 @@ def repetition_Hz(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> f
     span = float(np.fmax.reduce(values) - np.fmin.reduce(values)) if values.size else 0.0
     if np.count_nonzero(np.isfinite(values)) < 3 or not span > 0:
         return 0.0
-    v = np.ascontiguousarray(values, dtype=np.float64)
+    v = read_only(values)
     rows = np.empty(_rises(v, _SWING * span, np.empty(0, np.int64)), np.int64)
     _rises(v, _SWING * span, rows)
     rises = time_s[rows]

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
+from ..compiled import writeable
 from ..errors import InputError
 from ..likelihood.emulated_group import Base, _mode_powers, base_of
 from ..likelihood.gram import RecordGram
@@ -96,7 +97,7 @@ class Bank:
     def advance(self, dt: Array, before_V: Array, after_V: Array) -> Array:
         """Displacements (m, n) in m after steps dt (n,) s, the voltage straight from before_V to after_V in each."""
         out = np.empty((len(self.W), dt.size))
-        run_all(self.W, self._laws, dt, before_V, after_V, out, self._series)
+        run_all(self.W, self._laws, dt, writeable(before_V), writeable(after_V), out, self._series)
         out *= self._stroke
         return np.asarray(out + self._bend[:, None] * out * out if self._bend.any() else out)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Actuator
 from ..campaign.scratch import beside
-from ..compiled import njit
+from ..compiled import njit, read_only
 from ..errors import InputError
 from . import material_kernel as mk
 from . import plate_kernel as plates
@@ -132,7 +132,7 @@ def forces(
     B, m = len(material.law), position.size
     out = beside(position, n=B * m).reshape(B, m)
     of_plates = (
-        h, position, np.ascontiguousarray(zero, float), float(actuator.stack_height_m or 0.0),
+        h, read_only(position), np.ascontiguousarray(zero, float), float(actuator.stack_height_m or 0.0),
         float(actuator.total_area_m2 or 0.0), contact, *(beside(position) for _ in range(3)), out,
     )  # fmt: skip
     law_id, p, k, tau = material.law_id, material.law, material.k, material.tau

@@ -25,7 +25,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import ArrayLike, NDArray
 
-from ..compiled import njit
+from ..compiled import njit, writeable
 from .static import N_PARAMETERS, StaticLaw
 from .static import law as law_by_name
 from .strain_kernel import strain_driven_kernel
@@ -137,8 +137,7 @@ def _material(law: StaticLaw | str, p: ArrayLike, network: str | int, k: ArrayLi
 
 
 def _intervals(h: ArrayLike, drive: ArrayLike, extra: int, what: str) -> tuple[Array, Array]:
-    steps = np.ascontiguousarray(h, dtype=np.float64)
-    values = np.ascontiguousarray(drive, dtype=np.float64)
+    steps, values = writeable(h), writeable(drive)
     if steps.ndim != 1 or values.shape != (steps.size + extra,):
         raise ValueError(f"{steps.size} intervals need {steps.size + extra} values of {what}, "
                          f"got shape {values.shape}")

@@ -166,9 +166,8 @@ class Model:
                 log_D, log_c, log_T = -v[:, 0], -v[:, 1 : n + 1], v[:, n + 1 :]
             else:
                 d0 = np.exp(v[:, -1]) if self.spec.network == "gkm" else np.zeros(len(v))
-                D, c, T = maxwell_to_modes(
-                    np.exp(v[:, 0]), np.exp(v[:, 1 : n + 1]), np.exp(v[:, n + 1 : 2 * n + 1]), d0
-                )
+                k, tau = (np.ascontiguousarray(np.exp(x)) for x in (v[:, 1 : n + 1], v[:, n + 1 : 2 * n + 1]))
+                D, c, T = maxwell_to_modes(np.exp(v[:, 0]), k, tau, d0)
                 with np.errstate(divide="ignore"):
                     log_D, log_c, log_T = np.log(D), np.log(c), np.log(T)
             log_c = log_c.copy()
@@ -262,7 +261,7 @@ class Model:
         if self.spec.network == "gkv":
             return 1.0 / Y, 1.0 / k, tau
         d0 = values["d0_Pa_s"] if self.spec.network == "gkm" else np.zeros(Y.size)
-        return maxwell_to_modes(Y, k, tau, np.ascontiguousarray(d0))
+        return maxwell_to_modes(Y, np.ascontiguousarray(k), np.ascontiguousarray(tau), np.ascontiguousarray(d0))
 
     def reported(self, z: NDArray) -> dict[str, NDArray]:
         """What calibration.json reports: physical parameters, for ss3 the entries of its discrete state space."""

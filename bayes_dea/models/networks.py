@@ -176,11 +176,12 @@ def seen_to_maxwell(v, kelvin):
     """
     first = 0 if kelvin else 1
     m = (v.shape[1] - first) // 2
-    out = np.full_like(v, np.nan)
+    out = np.empty(v.shape)
     D, c, T = np.zeros(1), np.empty((1, m)), np.empty((1, m))
     for b in range(v.shape[0]):
         good = True
         for i in range(v.shape[1]):
+            out[b, i] = np.nan
             good = good and abs(v[b, i]) < 200.0  # not where nan, either
         for j in range(1, m):
             good = good and v[b, first + m + j] < v[b, first + m + j - 1] - 1e-9

@@ -134,12 +134,13 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
         take(w, trial)
     stress[0], material[0] = (s, e[0]) if touching else (0.0, 0.0)
     speed = 0.0
+    goes_on, begins = np.bool_(True), np.bool_(False)  # plain ones would each have a copy of `fly` compiled
     for b in range(h.size):
         start, end, left = e[b], e[b + 1], h[b]
         before, met = material[b], False
         if not touching:
             kept[:], kept_q[:] = w, q
-            speed = fly(w, law_p, which, k, rate, q, left, speed, True, table, work, trial)
+            speed = fly(w, law_p, which, k, rate, q, left, speed, goes_on, table, work, trial)
             flown = w[X_E]
             if not contact * (end - flown) > 0.0:
                 stress[b + 1], material[b + 1] = 0.0, flown
@@ -149,7 +150,7 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
             part = gap / (gap + contact * (end - flown)) if gap > 0.0 else 0.0
             w[:], q[:] = kept, kept_q
             if part > 0.0:
-                speed = fly(w, law_p, which, k, rate, q, part * left, speed, True, table, work, trial)
+                speed = fly(w, law_p, which, k, rate, q, part * left, speed, goes_on, table, work, trial)
             start += part * (end - start)
             left = max((1.0 - part) * left, 1e-12 * h[b])
             _stress(w, law_p, which, k, rate, q, new, 0.0, w[X_E], start, table, work, trial)
@@ -175,6 +176,6 @@ def drive_series(w, law_p, which, k, tau, h, e, contact, stress, material):
                     trial)
             take(w, trial)
             q[:] = new
-        speed = fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, False, table, work, trial)
+        speed = fly(w, law_p, which, k, rate, q, (1.0 - part) * left, (end - start) / left, begins, table, work, trial)
         touching = False
         stress[b + 1], material[b + 1] = 0.0, w[X_E]

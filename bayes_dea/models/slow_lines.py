@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import njit
+from ..compiled import njit, read_only
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def slow_lines(
     last = 0 if linear else settings.last
     # first and last row of each group, its line's ends (V)
     first, stop, start, end = _groups(
-        np.ascontiguousarray(volts, dtype=float), known, starts, room, last, linear, settings.fewest,
+        read_only(volts), known, starts, room, last, linear, settings.fewest,
         settings.missed * largest,
     )
     return _joined(row, volts, first, stop, start, end, last, linear) if first.size else None

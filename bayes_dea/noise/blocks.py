@@ -20,7 +20,7 @@ from bayes_dea.campaign.scratch import beside, computed, kept
 from bayes_dea.errors import InputError
 from bayes_dea.noise.edges import find_edges, input_noise
 
-from ..compiled import njit
+from ..compiled import njit, read_only
 
 Array = NDArray[np.float64]
 #: rows read at a slower pace that stay alone; of more than these blocks are cut, as if all were as correlated
@@ -123,8 +123,8 @@ def log_blocks(time_s: ArrayLike, u: ArrayLike, settings: BlockSettings | None =
     if 0 < np.count_nonzero(slow) <= _MOST_SLOW:
         # means of rows that are nearly independent beside rows that are not: alone each is exact
         alone[np.flatnonzero(good)[slow]] = True
-    start, stop = _cut(t, v, good, edge, alone, tolerance, noise, 10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s,
-                       s.single_after_edge, step)
+    start, stop = _cut(read_only(t), read_only(v), good, edge, alone, tolerance, noise,
+                       10.0 ** (1.0 / s.per_decade) - 1.0, s.longest_s, s.single_after_edge, step)
     count = _counts(masked, start, stop)
     keep = count > 0
     start, stop, count = start[keep], stop[keep], count[keep]
@@ -220,7 +220,7 @@ def block_means(x: ArrayLike, blocks: Blocks, mask: ArrayLike | None = None) -> 
     simulation alike, so that both are averaged over the same rows.
     """
     a = np.asarray(x, dtype=float)
-    flat = np.ascontiguousarray(a.reshape(-1, a.shape[-1]))
+    flat = read_only(a.reshape(-1, a.shape[-1]))
     masked = beside(flat[0], np.bool_) if mask is None else np.ascontiguousarray(mask, np.bool_)
     return _means(flat, masked, blocks.start, blocks.stop).reshape(*a.shape[:-1], blocks.n)
 

@@ -9,7 +9,7 @@ from bayes_dea.campaign.order import of, quantiles
 from bayes_dea.campaign.scratch import BLOCK, beside, copied, pieces, rows_where
 from bayes_dea.noise.edges import dense, find_edges
 
-from ..compiled import njit
+from ..compiled import njit, read_only
 
 #: half-width in samples of the one-sided windows that give the local scale
 _LOCAL = 25
@@ -103,7 +103,7 @@ def bridged(x: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float
 
 def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> NDArray[np.int64]:
     medians = beside(x)
-    _running_median(x, side, medians)
+    _running_median(read_only(x), side, medians)
     # window of `side` samples that ends just before, or begins just after, each sample
     shift = side // 2 + 1
     size, difference = beside(x), beside(x)
@@ -115,7 +115,7 @@ def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> 
     limit = max(threshold * typical, floor)
     candidates = rows_where(lambda s: s > limit, size)
     keep = np.zeros(candidates.size, dtype=np.bool_)
-    _judge(candidates, x, medians, size, difference, threshold, typical, floor, side, keep)
+    _judge(candidates, read_only(x), medians, size, difference, threshold, typical, floor, side, keep)
     return candidates[keep]
 
 
@@ -130,6 +130,25 @@ def _typical(size: NDArray[np.float64]) -> float:
 def _shifted(a: NDArray[np.float64], k: int, part: slice) -> NDArray[np.float64]:
     """A part of a moved by k samples to the right, ends filled with the nearest value."""
     return a[np.clip(np.arange(part.start - k, part.stop - k), 0, a.size - 1)]
+
+
+@njit(cache=True)
+def _sort_into(window, x, low, high):
+    """x[low:high], rising, into the front of window. For few samples; numba's own takes seconds to compile."""
+    for i in range(low, high):
+        k = i - low
+        while k > 0 and window[k - 1] > x[i]:
+            window[k] = window[k - 1]
+            k -= 1
+        window[k] = x[i]
+
+
+@njit(cache=True)
+def _median(window, x, low, high):
+    """Median of x[low:high], with room for it in window."""
+    _sort_into(window, x, low, high)
+    n = high - low
+    return 0.5 * (window[(n - 1) // 2] + window[n // 2])
 
 
 @njit(cache=True)
@@ -163,9 +182,8 @@ def _running_median(x, width, out):
             window[k] = new
             out[i] = window[half]
         else:
-            m = high - low
-            window[:m] = np.sort(x[low:high])
-            out[i] = window[m // 2]
+            _sort_into(window, x, low, high)
+            out[i] = window[(high - low) // 2]
 
 
 @njit(cache=True)
@@ -174,12 +192,13 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
     shift = side // 2 + 1
     reach = shift + side
     stretch = shift / side
+    window = np.empty(max(25, _LOCAL))
     for i in range(candidates.size):
         c = candidates[i]
         if c < reach or c >= n - reach:
             continue  # too few neighbours on one side: nothing can be said
         # slope: typical difference of the sides around here
-        slope = np.median(difference[max(0, c - 12):min(n, c + 13)])
+        slope = _median(window, difference, max(0, c - 12), min(n, c + 13))
         outside = size[c] - 0.5 * abs(difference[c] - slope)
         if outside <= floor:
             continue
@@ -192,8 +211,8 @@ def _judge(candidates, x, medians, size, difference, threshold, typical, floor, 
         if missed < _KINK * size[c]:
             continue  # on the crest of a smooth wave both continuations lie beyond the reading
         scale = typical
-        back = 1.4826 * np.median(size[max(0, c - _LOCAL):c])
-        ahead = 1.4826 * np.median(size[c + 1:min(n, c + 1 + _LOCAL)])
+        back = 1.4826 * _median(window, size, max(0, c - _LOCAL), c)
+        ahead = 1.4826 * _median(window, size, c + 1, min(n, c + 1 + _LOCAL))
         # a median of 25 scatters by a fifth: only what is clearly above the typical value raises the bar
         if max(back, ahead) > 1.5 * typical:
             scale = max(back, ahead)

@@ -216,8 +216,8 @@ def _best(t, u, w, a, b, room):
     """
     line = _line(t, u, w, a, b)
     n = b - a
-    _rests(t, u, w, a, 1, n, line, room[0])
-    _rests(t, u, w, b - 1, -1, n, line, room[1])
+    _rests(t, u, w, a, np.int64(1), n, line, room[0])
+    _rests(t, u, w, b - 1, np.int64(-1), n, line, room[1])
     best, least = 1, math.inf
     for k in range(n - 1, 0, -1):
         both = room[0, k - 1] + room[1, n - k - 1]
