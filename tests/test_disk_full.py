@@ -118,7 +118,9 @@ def test_a_small_file_system(tiny, undisturbed, run, small_disk, fits):
     assert_same(out, undisturbed)
 
 
-@pytest.mark.parametrize("fits", ["nothing", "half of what is kept to go on from"])
+@pytest.mark.parametrize("fits", [
+    "nothing", pytest.param("half of what is kept to go on from", marks=pytest.mark.long),
+])
 def test_a_small_file_system_for_a_diagnosis(tiny, run, small_disk, tmp_path, fits):
     out = small_disk(20 if fits == "nothing" else 60)
     files = ["diagnosis.json", "diagnosis.npz", "report.html"]

@@ -319,6 +319,7 @@ def test_ogden_is_found_inside_its_prior() -> None:
 # --- relaxation --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_four_elements_are_never_worse_than_three() -> None:
     rng = np.random.default_rng(2)
     r = thinned(record(PAPER, rng, 0.15), 60)

@@ -308,10 +308,10 @@ class BlockGroup:
         actuator = record.prepared.recording.actuator
         if record.is_voltage:
             jump, end = strains(material, record.h, record.drive)
-            first, last = jump[:, record.place], end[:, record.place]
+            first, last = (x.take(record.place, axis=1) for x in (jump, end))
             return (first + (last - first) * record.share) * stroke_factor(actuator)
         assert zero is not None
-        return forces(material, record.h, record.drive, zero, actuator, record.contact)[:, record.knots]
+        return forces(material, record.h, record.drive, zero, actuator, record.contact).take(record.knots, axis=1)
 
     def evaluate(
         self,

@@ -119,9 +119,9 @@ def _material(law: StaticLaw | str, p: ArrayLike, network: str | int, k: ArrayLi
     n = stiffness.shape[-1]
     if times.shape[-1] != n:
         raise ValueError(f"{n} branch stiffnesses but {times.shape[-1]} time constants")
-    stiffness = np.ascontiguousarray(np.broadcast_to(stiffness, (count, n)))
-    times = np.ascontiguousarray(np.broadcast_to(times, (count, n)))
-    damper = np.ascontiguousarray(np.broadcast_to(np.asarray(d0, float), (count,)))
+    stiffness = writeable(np.broadcast_to(stiffness, (count, n)))
+    times = writeable(np.broadcast_to(times, (count, n)))
+    damper = writeable(np.broadcast_to(np.asarray(d0, float), (count,)))
     if number not in (GM, GKM, GKV):
         raise ValueError(f"network {network!r} is unknown; choose one of {', '.join(NETWORKS)}")
     if not np.all(times > 0.0):

@@ -24,6 +24,7 @@ def looked_for(result, first):
     return behind_more(first, frames, quest)
 
 
+@pytest.mark.long
 def test_the_resistor_is_found_with_the_leak_from_the_base(diagnosed):
     """A leak alone ends at 100 kohm, where the modes do the rest badly; beside that nothing promised anything."""
     result = diagnosed("leakage", {**LEAK, "R_s_ohm": 1.8e5})
@@ -36,6 +37,7 @@ def test_the_resistor_is_found_with_the_leak_from_the_base(diagnosed):
     assert result.verdict == "series_resistance+leakage"
 
 
+@pytest.mark.long
 def test_one_that_needs_no_more_is_left_alone(diagnosed):
     result = diagnosed("leakage", {**LEAK, "R_s_ohm": 5e4})
     alone = result.naming.weighed["leakage"]

@@ -80,6 +80,7 @@ def test_a_shift_below_one_sample_is_timing_and_no_physics(delay_s):
     assert not any("recordings to validate" in w for w in s["warnings"])
 
 
+@pytest.mark.long
 def test_a_shift_of_a_tenth_of_a_sample_is_told_from_no_lag_and_says_so():
     """On a held command a lag of 0.4 ms leaves as much missing on the first row behind a step, and little on the
     second."""

@@ -60,6 +60,7 @@ def test_beyond_its_prior_an_effect_is_not_nothing():
     assert diagnose(concealed({"acquisition_delay": {"T_d_s": 0.06}}), "hooke+gm3", seed=1).verdict != "none"
 
 
+@pytest.mark.long
 def test_a_prior_of_an_effect_that_may_be_added_is_taken(tmp_path):
     """60 ms of delay are beyond the usual 50; the statement says how to ask for more, and that has to work."""
     from bayes_dea.errors import InputError

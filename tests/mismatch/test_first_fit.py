@@ -52,7 +52,7 @@ def _none_better(fit, prior, spread, tries):
     [
         ({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance", False),
         ({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False),
-        ({"leakage": LEAK}, "hooke+gm3+leakage", False),
+        pytest.param({"leakage": LEAK}, "hooke+gm3+leakage", False, marks=pytest.mark.long),
         pytest.param({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
                      "hooke+gm3+series_resistance+mullins_softening", True, marks=pytest.mark.long),
     ],
@@ -72,6 +72,7 @@ def test_what_is_in_the_model_is_found_where_it_is(effects, spec, pressed):
     assert _none_better(fit, prior, 3.0 * sd, 8) >= 4
 
 
+@pytest.mark.long
 def test_where_an_effect_has_no_answer_beside_the_rest_the_whole_begins_in_the_middle(monkeypatch):
     """A base far from all recordings may end where no effect that the model has can be simulated."""
     whole, _ = _fitted({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance")
@@ -100,6 +101,7 @@ def test_presses_that_stiffen_are_fitted_as_well_as_a_base_can(tmp_path):
     assert _none_better(fit, prior, 30.0 * sd, 16) >= 4
 
 
+@pytest.mark.long
 def test_a_corrected_model_has_nothing_left_out():
     s = diagnose(concealed({"series_resistance": RESISTANCE}), "hooke+gm3+series_resistance", seed=1).summary
     assert s["verdict"] == "none"

@@ -31,6 +31,7 @@ def searches(monkeypatch):
     return seen
 
 
+@pytest.mark.long
 def test_a_sensor_that_was_moved_is_told_without_a_second_search(searches):
     s = diagnose(moved({"series_resistance": {"R_s_ohm": 1.2e5}}, SIZES), "hooke+gm3").summary
     assert searches == [False]

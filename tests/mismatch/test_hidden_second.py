@@ -58,6 +58,7 @@ def test_a_second_effect_below_a_step_is_not_claimed():
     assert result.summary["indistinguishable"] == ["acquisition_delay"]
 
 
+@pytest.mark.long
 def test_nothing_is_fitted_beside_an_effect_that_is_alone(monkeypatch):
     fitted, looked_at = [], []
     refined, screen = beside.refined, beside.screen

@@ -9,6 +9,7 @@ from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.prove import held_out, leave_out_in_turn
 
 
+@pytest.mark.long
 def test_what_one_recording_alone_says_is_no_proof_on_it():
     """A supply that ends at 1110 V acts on the creep of 1200 V alone; the others say that it ends above 1050 V."""
     result = diagnose(concealed({"supply_saturation": {"V_max_V": 1110.0}}, validate=False), "hooke+gm3", seed=1)

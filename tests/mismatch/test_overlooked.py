@@ -34,6 +34,7 @@ def test_a_lag_is_found_from_where_a_damper_stands(diagnosed):
     assert lag.fit.log_evidence > stuck.log_evidence + 100
 
 
+@pytest.mark.long
 def test_nothing_is_looked_at_again_where_the_base_stays(diagnosed):
     """What waits would be found (it is the truth) were the base moved far enough."""
     result = diagnosed("sensor_lag", {"tau_s_s": 1.2e-3})

@@ -76,6 +76,7 @@ def test_an_effect_that_is_not_needed_is_left_out_again(diagnosed):
     assert alone.size_m > 1e-6
 
 
+@pytest.mark.long
 def test_the_interval_of_a_further_mode_holds_every_mode_that_it_may_be():
     """A base with one mode, and two in the answer: which of them is the further one, only weak priors say."""
     result = diagnose(concealed(), "hooke+gm1", seed=1)

@@ -77,6 +77,7 @@ def test_noise_has_no_repair(plain):
     assert told["terms"] == []
 
 
+@pytest.mark.long
 def test_what_the_proof_says_of_a_repair():
     """Crosstalk of the command's edges: a term of the first 30 ms after an edge goes with it on rectangles of 10 Hz."""
     crosstalk = {"edge_crosstalk": {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 5e-3}}

@@ -42,6 +42,7 @@ def test_every_resonance_is_found_within_its_width():
     assert len(missed) <= 4, missed  # 2 %: at such a rate a search from several frames still finds them
 
 
+@pytest.mark.long
 def test_a_resonance_is_found_from_its_mirror_image_in_the_sampling_rate(diagnosed):
     """At 1 kHz a mass that rings at 390 Hz and one at 610 Hz leave readings that look much the same."""
     result = diagnosed("inertia", {"f_1_Hz": 372.0, "zeta": 0.14})

@@ -28,6 +28,7 @@ def with_roles(campaign, validate):
         replace(r, role=role) for r, role in zip(campaign.recordings, roles, strict=True)))
 
 
+@pytest.mark.long
 def test_what_only_recordings_to_validate_show_is_named_and_said(monkeypatch):
     """An amplifier that ends at 1,110 V, with the one recording above that kept for validation."""
     sampled = []
@@ -136,6 +137,7 @@ def test_a_mechanical_recording_to_validate_has_its_own_position_of_contact():
     assert row["rmse_after_N"] < 1.05 * row["noise_N"]
 
 
+@pytest.mark.long
 def test_an_effect_is_as_large_as_on_the_recording_that_it_moves_most():
     """A resistance that two creeps show on a few readings, over each of them less than a step of the resolution."""
     c = concealed({"series_resistance": {"R_s_ohm": 9.2e3}}, scale=0.6)

@@ -105,7 +105,10 @@ def test_creep_that_a_model_lacks_swings_at_no_slow_frequency_either(tau_s):
         assert swinging(fit, STEP_M) is None
 
 
-@pytest.mark.parametrize(("rate_Hz", "rho"), [(1000.0, 0.95), (1000.0, 0.99), (10_000.0, 0.995), (10_000.0, 0.999)])
+@pytest.mark.parametrize(("rate_Hz", "rho"), [
+    (1000.0, 0.95), (1000.0, 0.99),
+    *(pytest.param(10_000.0, rho, marks=pytest.mark.long) for rho in (0.995, 0.999)),
+])  # fmt: skip
 def test_noise_that_is_correlated_over_long_has_no_line_but_may_hide_none(rate_Hz, rho):
     """Its spectrum falls from 8 Hz on and less: the median of what is around its lowest bins is far below these."""
     for seed in range(3):
@@ -130,6 +133,7 @@ def test_it_is_unknown_and_said():
     assert any("swings at 11" in row["what"] for row in result.summary["mismatch"]["where"])
 
 
+@pytest.mark.long
 def test_a_supply_that_hunts_on_the_one_long_plateau_to_validate_contradicts_none():
     """By 2.5 um at 5.5 Hz above 500 V: recordings to identify show it too shortly, and no window in time sees it."""
     campaign = concealed()

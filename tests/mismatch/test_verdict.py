@@ -86,7 +86,7 @@ def test_pairs_that_were_tried_do_not_make_recordings_silent(naming):
 
 
 @pytest.mark.parametrize("effects", [
-    {"sensor_drift": {"drift_m_per_s": 5e-7}},
+    pytest.param({"sensor_drift": {"drift_m_per_s": 5e-7}}, marks=pytest.mark.long),
     {"sensor_clipping": {"y_max_m": 1.5e-4, "clip_noise": 1.0}},
     {"series_resistance": {"R_s_ohm": 1.2e5}},
 ], ids=["drift", "clipping", "resistance"])  # fmt: skip

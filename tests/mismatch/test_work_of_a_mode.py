@@ -27,6 +27,7 @@ def in_its_place(tau_s):
     return result.base, instead_of_a_mode(result.base, quest)
 
 
+@pytest.mark.long
 def test_a_lag_that_the_base_does_by_a_mode_is_found_in_its_place():
     base, found = in_its_place(1.2e-3)
     assert stands_in(base)  # the premise

@@ -22,7 +22,7 @@ def strain(spec, values):
     h = np.full(1000, 1e-3)
     volts = np.where(np.arange(1000) // 50 % 2 == 0, 250.0, 1050.0)
     out, w = np.empty(1000), plant.kernel_numbers()
-    pk.drive_voltage(w, plant.law, h, volts, volts, out)
+    pk.drive_voltage(w, plant.law, h, volts, volts, out, None)
     return out, w[X_TRIED] / 1000
 
 

@@ -364,7 +364,7 @@ def test_a_guess_of_the_wrong_direction_misleads_nobody():
 def test_a_kernel_that_was_not_told_of_the_spring_has_no_answer():
     plant = plant_of(build_model("neohooke+gkv3+parallel_damper"), {"C1_Pa": 8e4, **NETWORK, "d0_Pa_s": 1e3}, ACTUATOR)
     h, volts, out = np.full(50, 1e-3), np.full(50, 800.0), np.empty(50)
-    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, out)
+    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, out, None)
     assert np.isnan(out).all()
     drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, out, plant.in_series)
     assert np.isfinite(out).all()

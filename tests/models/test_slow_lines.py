@@ -243,7 +243,7 @@ def test_at_rough_nodes_no_step_is_cut():
     for whole in (0.0, 1.0):
         w, out = plant.kernel_numbers(), np.empty(nodes.size)
         w[P_WHOLE] = whole
-        drive_voltage(w, plant.law, nodes.durations(), command[0], command[1], out)
+        drive_voltage(w, plant.law, nodes.durations(), command[0], command[1], out, None)
         tried.append(w[X_TRIED])
     assert tried[1] == nodes.size < tried[0]
     np.testing.assert_array_equal(simulate_nodes(plant, nodes), nodes.read(plant.stroke_m * out))

@@ -34,7 +34,7 @@ def supplies(fine=1):
 
 def driven(plant, u0, u1, fine=1):
     out = np.empty(u0.size)
-    pk.drive_voltage(plant.kernel_numbers(), plant.law, np.full(u0.size, H / fine), u0, u1, out)
+    pk.drive_voltage(plant.kernel_numbers(), plant.law, np.full(u0.size, H / fine), u0, u1, out, None)
     return plant.stroke_m * out[fine - 1::fine]
 
 

@@ -29,7 +29,7 @@ def test_modes_and_steps_agree(more):
     assert plant.swings
     h, volts, _ = command()
     by_steps = np.empty(h.size)
-    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps)
+    drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps, None)
     by_modes = _strain(plant, Steps(h, volts, volts, np.ones(h.size, dtype=np.int64)))
     assert np.max(np.abs(by_modes - by_steps)) < 2e-5 * np.max(np.abs(by_steps))
 

@@ -34,8 +34,10 @@ def each_by_forward(c, recording):
     return np.array([bd.simulate(c.structure.model, v, recording, zero_m=0.0) for v in values])
 
 
-@pytest.mark.parametrize("text", [*(f"hooke+gm1+{name}" for name in EFFECTS), "yeoh+gm1+series_resistance+sensor_lag",
-                                  "gent+gm1+inertia", "pz3+leakage+acquisition_delay"])  # fmt: skip
+@pytest.mark.parametrize("text", [
+    *(f"hooke+gm1+{name}" for name in EFFECTS), "gent+gm1+inertia", "pz3+leakage+acquisition_delay",
+    pytest.param("yeoh+gm1+series_resistance+sensor_lag", marks=pytest.mark.long),
+])  # fmt: skip
 def test_every_effect_is_part_of_the_answer_to_a_command(text):
     c = drawn(text, hold="start" if text.endswith("lag") else "end")
     t, V = command()
