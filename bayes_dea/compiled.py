@@ -36,7 +36,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def read_only(x: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """View of an array, contiguous, that nobody can write to by.
+    """A contiguous view of an array, or of a copy, through which nothing can be written.
 
     Kernels are compiled for each kind of array that they are called with: read-only columns of a recording are another
     one than what was worked out from them. Large kernels take seconds to compile, so they are given one kind.

@@ -5,10 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import bayes_dea
-from bayes_dea.compiled import sources
+from bayes_dea.compiled import read_only, sources, writeable
+from bayes_dea.models.mechanics import strain_driven, stress_driven
+from bayes_dea.models.strain_kernel import strain_driven_kernel
+from bayes_dea.models.stress_kernel import stress_driven_kernel
 
 PACKAGE = Path(bayes_dea.__file__).parent
 KERNEL = """
@@ -92,3 +96,33 @@ def test_every_kernel_is_compiled_by_it():
         if path != own:
             assert not re.search(r"from numba import[^\n]*\bn?jit\b|numba\.n?jit|import numba\b",
                                  path.read_text(encoding="utf-8")), path
+
+
+def arrays():
+    """The same numbers as whoever calls may have them."""
+    plain = np.linspace(1.0, 2.0, 40)
+    frozen = plain.copy()
+    frozen.flags.writeable = False
+    return [plain, frozen, np.stack([plain, plain], axis=1)[:, 0], plain.tolist()]
+
+
+@pytest.mark.parametrize("given", arrays(), ids=["plain", "read-only", "strided", "list"])
+def test_what_kernels_are_given_is_of_one_kind(given):
+    for made, may in ((read_only(given), False), (writeable(given), True)):
+        assert made.flags.c_contiguous
+        assert made.flags.writeable == may
+        np.testing.assert_array_equal(made, np.asarray(given))
+    if isinstance(given, np.ndarray):
+        was = given.flags.writeable
+        assert np.shares_memory(read_only(given), given) == given.flags.c_contiguous
+        assert given.flags.writeable == was
+
+
+def test_a_large_kernel_is_compiled_once_whatever_arrays_it_is_called_with():
+    known = []
+    for given in arrays():
+        stress_driven("hooke", [1e6], "gm", [1e5], [3.0], 0.0, given, np.asarray(given))
+        strain_driven("hooke", [1e6], "gm", [1e5], [3.0], 0.0, np.asarray(given)[1:], given)
+        known.append((set(stress_driven_kernel.signatures), set(strain_driven_kernel.signatures)))
+    assert all(known[0])
+    assert known == known[:1] * len(known)

@@ -15,6 +15,8 @@ from ..experiments.limits import limits_of_actuator
 from ..experiments.menu import Experiment
 from ..experiments.menu import menu as experiments
 from ..gauss_newton.refit import Fit
+from ..models.effects import registered_effects
+from ..models.effects.effect import VOLTAGE
 from ..models.nodes import make_nodes
 from ..models.plant import plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
@@ -207,10 +209,16 @@ def sharpening_experiment(
     before = fit.covariance[:d, :d] / np.outer(sd, sd)
     values, vectors = np.linalg.eigh(before)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
+    # what plates do not show is taught there by way of the rest alone, and at most what knowing all of it would teach
+    most = math.inf
+    if not _shown_by_plates(fit, own):
+        most = 0.5 * (_log_det(before, own) - _log_det(_knowing_the_rest(before, own), own))
     best: tuple[float, float, Experiment, Array] | None = None
-    proposals = menu(actuator)
+    proposals = sorted(menu(actuator), key=lambda p: p.channel == "force")
     for k, p in enumerate(proposals):
         tell(k, len(proposals), p.name)
+        if p.channel == "force" and best is not None and most * 3600.0 / cost_s(p) <= best[0]:
+            continue
         taught = _taught(fit, p, actuator, scatter)
         if taught is None:
             continue
@@ -226,6 +234,22 @@ def sharpening_experiment(
     at = int(np.argmin(shares))
     name = fit.problem.model.priors.names[own[at]]
     return _proposal(f"narrows the interval of {name} to {shares[at]:.2g} of its width", p, nats)
+
+
+def _shown_by_plates(fit: Fit, own: Sequence[int]) -> bool:
+    """Whether plates may show one of some parameters: not those of effects that act under voltage alone."""
+    effects = [registered_effects()[name] for name in fit.problem.model.spec.effects]
+    hidden = {p.name for e in effects if e.acts_on == VOLTAGE for p in e.parameters}
+    return not hidden.issuperset(fit.problem.model.priors.names[i] for i in own)
+
+
+def _knowing_the_rest(covariance: Array, own: Sequence[int]) -> Array:
+    """A covariance (d, d) whose block of `own` is what is left where all others are known."""
+    out, these = covariance.copy(), np.asarray(own)
+    rest = np.setdiff1d(np.arange(len(covariance)), these)
+    across = covariance[np.ix_(these, rest)]
+    out[np.ix_(these, these)] -= across @ np.linalg.pinv(covariance[np.ix_(rest, rest)], hermitian=True) @ across.T
+    return out
 
 
 def _taught(fit: Fit, p: Experiment, actuator: Actuator, scatter: Mapping[str, float]) -> Array | None:

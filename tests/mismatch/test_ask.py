@@ -108,6 +108,31 @@ def test_one_explanation_is_sharpened_by_what_a_regression_with_everything_in_it
     assert "no experiment of the menu" in told[PLATES]["why"]
 
 
+@pytest.mark.parametrize("shared", [0.0, 0.5, 0.99999])
+def test_plates_are_asked_of_what_they_do_not_show_only_where_the_rest_may_tell(monkeypatch, shared):
+    """A resistance that trades with the modulus is known better once that is; the answer is that of asking always."""
+    known = fit("series_resistance", 0.05, R_s_ohm=3e5)
+    names = known.problem.model.priors.names
+    own, modulus = [names.index("R_s_ohm")], names.index("Y_Pa")
+    known.covariance[own[0], modulus] = known.covariance[modulus, own[0]] = shared * 0.05**2
+    monkeypatch.setattr(ask, "menu", lambda actuator: [PLATES, CREEP])
+    asked = []
+    plates = ask.simulate_plates
+    monkeypatch.setattr(ask, "simulate_plates", lambda *a: asked.append(a) or plates(*a))
+    told = sharpening_experiment(known, own, ACTUATOR)
+    assert bool(asked) == (shared > 0.99)
+    monkeypatch.setattr(ask, "_shown_by_plates", lambda *_: True)
+    assert sharpening_experiment(known, own, ACTUATOR) == told
+    assert asked
+
+
+def test_plates_show_what_is_mechanical():
+    damper = fit("parallel_damper", 0.05, d0_Pa_s=3e3)
+    names = damper.problem.model.priors.names
+    assert ask._shown_by_plates(damper, [names.index("d0_Pa_s")])
+    assert ask._shown_by_plates(damper, range(len(names)))
+
+
 def test_what_was_not_recorded_scatters_as_its_sensor_states():
     softer, stiffer = fit(), fit(k_1_Pa=3.3e5)
     for one in (softer, stiffer):
