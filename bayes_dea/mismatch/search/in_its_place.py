@@ -56,13 +56,13 @@ def alike(w: Weighed, known: Collection[str], quest: Quest) -> list[Weighed]:
     known: names of hypotheses that were fitted.
     """
     out: list[Weighed] = []
-    for effect in w.effects if len(w.effects) > 1 else ():
-        others = [n for n in w.effects if n != effect]
-        rest = replace(w, effects=tuple(others))
-        names = [n for n in names_beside(rest, quest.names) if n in LATE and n not in w.effects]
-        for name in names if effect in LATE else ():
+    if len(w.effects) < 2:
+        return out
+    for effect in (n for n in w.effects if n in LATE):
+        others = tuple(n for n in w.effects if n != effect)
+        for name in names_beside(replace(w, effects=others), quest.names):
             both = together(others, name)
-            if "+".join(both) in known or too_dear(both):
+            if name not in LATE or name == effect or "+".join(both) in known or too_dear(both):
                 continue
             quest.say("comparing rivals", 0, 1, "+".join(both))
             out += in_its_place(w, others, name, quest.by(w.laws), w.value, _NEAR)
