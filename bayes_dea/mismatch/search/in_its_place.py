@@ -13,8 +13,8 @@ from .promising import of_laws, stripped, too_dear
 from .quest import Quest
 from .weigh import Weighed, refine
 
-#: effects that come late by a time that does not depend on what they do, and so look alike in voltage recordings
-#: (confusion group G1 of the catalogue of missing physics); a mass is the same with much damping
+#: effects by which displacement comes late, and which look alike in voltage recordings for that (confusion group G1 of
+#: the catalogue of missing physics, a supply that cannot sink, and a mass, which is the same with much damping)
 LATE = frozenset({
     "series_resistance", "supply_current_limit", "one_quadrant_supply", "extra_relaxation_mode", "parallel_damper",
     "inertia", "acquisition_delay", "sensor_lag",
