@@ -14,10 +14,11 @@ from .quest import Quest
 from .weigh import Weighed, refine
 
 #: effects by which displacement comes late, and which look alike in voltage recordings for that (confusion group G1 of
-#: the catalogue of missing physics, a supply that cannot sink, and a mass, which is the same with much damping)
+#: the catalogue of missing physics, and a supply that cannot sink). A mass with much damping does as well, but its
+#: frequency and damping trade along a ridge, of which an evidence by Laplace says too much
 LATE = frozenset({
     "series_resistance", "supply_current_limit", "one_quadrant_supply", "extra_relaxation_mode", "parallel_damper",
-    "inertia", "acquisition_delay", "sensor_lag",
+    "acquisition_delay", "sensor_lag",
 })  # fmt: skip
 #: nats behind what leads within which another one is its rival
 _NEAR = 12.0
