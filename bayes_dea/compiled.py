@@ -35,13 +35,13 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-def read_only(x: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """A contiguous view of an array, or of a copy, through which nothing can be written.
+def read_only(x: ArrayLike) -> NDArray[np.float64]:
+    """A contiguous view of an array of floats, or of a copy, through which nothing can be written.
 
     Kernels are compiled for each kind of array that they are called with: read-only columns of a recording are another
     one than what was worked out from them. Large kernels take seconds to compile, so they are given one kind.
     """
-    view = np.ascontiguousarray(x, dtype=dtype).view()
+    view = np.ascontiguousarray(x, dtype=np.float64).view()
     view.flags.writeable = False
     return view
 

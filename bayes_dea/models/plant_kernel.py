@@ -147,10 +147,10 @@ def _in_series(inner, law_p, Ys, near, drive, gives):
 
 
 @_jit
-def run(w, law_p, h, u0, u1, out, series=None):
+def run(w, law_p, h, u0, u1, out, series):
     """Strain (m,) after steps of h (m,) s, the supply straight from u0 to u1 (m,) V within each.
 
-    series: given where the plant has a spring in series (`P_SPRING`): the rest is compiled without, a tenth quicker.
+    series: None but where the plant has a spring in series (`P_SPRING`): the rest is compiled without, a tenth quicker.
     Goes on from the state in w and leaves it there. nan from where there is no balance of forces.
     """
     if series is None and w[P_SPRING] != HOOKE:
@@ -538,7 +538,7 @@ def prepare(w, law_p):
 
 
 @_jit
-def drive_voltage(w, law_p, h, u0, u1, out, series=None):
+def drive_voltage(w, law_p, h, u0, u1, out, series):
     """Strain (m,) at nodes after steps h (m,) s, the supply straight from u0 to u1 (m,) V within each; rested.
 
     w (SIZE,) holds the numbers of the plant; its state is overwritten.

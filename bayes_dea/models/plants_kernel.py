@@ -7,7 +7,7 @@ from .plant_kernel import run
 
 
 @njit(cache=True, nogil=True)
-def run_all(W, laws, h, u0, u1, out, series=None):  # type: ignore[no-untyped-def]
+def run_all(W, laws, h, u0, u1, out, series):  # type: ignore[no-untyped-def]
     """Strains (m, n) of m plants over n steps; their states in W (m, SIZE) go on."""
     for i in range(W.shape[0]):
         run(W[i], laws[i], h, u0, u1, out[i], series)

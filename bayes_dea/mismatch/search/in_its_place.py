@@ -24,24 +24,26 @@ LATE = frozenset({
 _NEAR = 12.0
 
 
+def without(w: Weighed, others: Sequence[str], quest: Quest) -> Frame | None:
+    """An explanation with `others` alone of its effects, from where it stands; None where that has no answer there."""
+    bare = extended(quest.model, others, quest.given) if others else quest.model
+    plain = stripped(w.fit, bare, quest.prior) if bare is not None else None
+    return None if plain is None else Frame(plain)
+
+
 def in_its_place(
-    w: Weighed, others: Sequence[str], name: str, quest: Quest, reached: float, behind: float
+    frame: Frame, others: Sequence[str], name: str, w: Weighed, quest: Quest, reached: float, behind: float
 ) -> list[Weighed]:
     """An effect beside `others`, all of them among those of `w`, by each of its laws, from where that stands.
 
-    reached, behind: see `refine`.
+    frame: see `without`; reached, behind: see `refine`.
     """
-    bare = extended(quest.model, others, quest.given) if others else quest.model
-    plain = stripped(w.fit, bare, quest.prior) if bare is not None else None
-    if plain is None:
-        return []
     screened = beside_these(
-        [Frame(plain)], others, name, quest.model, quest.given,
-        sparse=False, series_ohm=w.fit.values().get("R_s_ohm"),
-    )  # fmt: skip
+        [frame], others, name, quest.model, quest.given, sparse=False, series_ohm=w.fit.values().get("R_s_ohm")
+    )
     out = []
     for s in screened:
-        found = refine(plain, s, quest.prior, 2, reached, behind)
+        found = refine(frame.fit, s, quest.prior, 2, reached, behind)
         if found is not None:
             # the grid around a place that is not its own maximum says little of the evidence
             found = of_laws(replace(found, log_evidence=found.fit.log_evidence), screened)
@@ -59,12 +61,16 @@ def alike(w: Weighed, known: Collection[str], quest: Quest) -> list[Weighed]:
     out: list[Weighed] = []
     if len(w.effects) < 2:
         return out
+    quest = quest.by(w.laws)
     for effect in (n for n in w.effects if n in LATE):
         others = tuple(n for n in w.effects if n != effect)
-        for name in names_beside(replace(w, effects=others), quest.names):
-            both = together(others, name)
-            if name not in LATE or name == effect or "+".join(both) in known or too_dear(both):
-                continue
+        late = [n for n in names_beside(replace(w, effects=others), quest.names) if n in LATE and n != effect]
+        names = {n: together(others, n) for n in late}
+        names = {n: both for n, both in names.items() if "+".join(both) not in known and not too_dear(both)}
+        frame = without(w, others, quest) if names else None
+        if frame is None:
+            continue
+        for name, both in names.items():
             quest.say("comparing rivals", 0, 1, "+".join(both))
-            out += in_its_place(w, others, name, quest.by(w.laws), w.value, _NEAR)
+            out += in_its_place(frame, others, name, w, quest, w.value, _NEAR)
     return out

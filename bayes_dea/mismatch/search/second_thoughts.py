@@ -14,7 +14,7 @@ from .beside import CONTAINS, beside, beside_these, names_beside, puts_back, tog
 from .frame import Frame, own_index
 from .grid import Screened
 from .hypotheses import DELAY, extended
-from .in_its_place import in_its_place
+from .in_its_place import in_its_place, without
 from .pairs import NEXT, PART
 from .promising import MASS, of_laws
 from .quest import Quest
@@ -104,8 +104,10 @@ def widened(pair: Weighed, quest: Quest, reached: float = math.inf) -> list[Weig
         if narrow not in pair.effects or wide in pair.effects or wide not in quest.names:
             continue
         others = [n for n in pair.effects if n != narrow]
-        quest.say("leaving one out", 0, 1, "+".join(together(others, wide)))
-        out += in_its_place(pair, others, wide, quest, min(pair.value, reached), _FAR_BEHIND)
+        frame = without(pair, others, quest)
+        if frame is not None:
+            quest.say("leaving one out", 0, 1, "+".join(together(others, wide)))
+            out += in_its_place(frame, others, wide, pair, quest, min(pair.value, reached), _FAR_BEHIND)
     return out
 
 
