@@ -148,33 +148,3 @@ def field(thick, c_eps, e):
         d = (d + 2.0 * f * i) * i * i
         f *= i * i
     return f, d
-
-
-@fold
-def shorter(ratio, power):
-    """Factor for a step whose error is to shrink by `ratio` and goes with the 1/power-th power of its length."""
-    return max(0.2, 0.9 * ratio**power)
-
-
-@fold
-def halved(step, factor):
-    """A step cut in halves until it is no longer than `factor` of itself.
-
-    The parts of a step have few lengths that way, whose coefficients are known from the part or the step before.
-    """
-    cut = 0.5
-    while cut > factor and cut > 1e-12:
-        cut *= 0.5
-    return cut * step
-
-
-@fold
-def following(step, grow, left):
-    """The next part of a step of which `left` remains: as long as the last one, or its double where errors allow that.
-
-    grow: by what they allow it. A part that was short enough is not shortened before the next one has been tried.
-    """
-    new = 2.0 * step if grow >= 2.0 else step
-    while new > left * (1.0 + 1e-9):
-        new *= 0.5
-    return new

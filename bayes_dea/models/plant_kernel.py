@@ -25,7 +25,7 @@ import numpy as np
 
 from ..compiled import njit
 from . import mode_tables as mt
-from .circuit_kernel import charge, field, following, halved, leaking, shorter, stored
+from .circuit_kernel import charge, field, leaking, stored
 from .material_kernel import (
     P_BETA,
     P_DE,
@@ -94,6 +94,7 @@ from .plant_layout import (
     X_ZR,
 )
 from .static import HOOKE, law_stress_tangent
+from .step_length import bent_leak, early_current, following, halved, judged
 
 _jit = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 
@@ -393,11 +394,9 @@ def run(w, law_p, h, u0, u1, out, series):
                     r_aside -= along
                     mid -= prompt_D * r_aside
                     worst = 2.0 / 3.0 * tab[mt.GALL] * _SMOOTH * abs(r_aside)
-                    if worst > _COURSE_TOLERANCE:
-                        step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
+                    step, grow = judged(step, grow, worst, _COURSE_TOLERANCE, 1.0 / 3.0, 8.0)
+                    if step < length:
                         continue
-                    if 8.0 * worst > _COURSE_TOLERANCE:
-                        grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
                 y = D - J
                 ring = 0.0
                 if pair:
@@ -427,42 +426,30 @@ def run(w, law_p, h, u0, u1, out, series):
                     wrong = smooth * abs(aside) + ring * max(abs(first_slope), abs(slope1))
                     aside -= moves * beside
                     worst = 2.0 / 3.0 * tab[mt.ALL] * (wrong + turned + moves * abs(beside))
-                    if worst > _COURSE_TOLERANCE:
-                        step = halved(step, shorter(_COURSE_TOLERANCE / worst, 1.0 / 3.0))
+                    step, grow = judged(step, grow, worst, _COURSE_TOLERANCE, 1.0 / 3.0, 8.0)
+                    if step < length:
                         continue
-                    if 8.0 * worst > _COURSE_TOLERANCE:
-                        grow = min(grow, 0.9 * (_COURSE_TOLERANCE / worst) ** (1.0 / 3.0))
             if cuts and a == 0.0 and v_start != v_end and step > _SHORTEST * whole:
                 # the square of a straight voltage, where modes are quick enough to see that it is no line
                 volts = (V if rs > 0.0 else v_start) - vq
                 wrong = 3.0 * abs((ss - factor * (volts + P) * volts) * ph) * tab[mt.BOW]
-                if wrong > _CIRCUIT_TOLERANCE:
-                    step = halved(step, shorter(_CIRCUIT_TOLERANCE / wrong, 0.25))
+                step, grow = judged(step, grow, wrong, _CIRCUIT_TOLERANCE, 0.25, 4.0)
+                if step < length:
                     continue
-                if 4.0 * wrong > _CIRCUIT_TOLERANCE:
-                    grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** 0.25)
             if cuts and rs > 0.0 and abs(D) > _SMALL and step > 1e-6 * whole:
-                # a motional current that comes early in the step and is over at its end
-                wrong = 2.0 * abs(D * (e + D)) * charges * charges / (1.0 + charges * charges * charges)
-                # to first order it is known, at an even voltage
-                wrong *= min(1.0, 4.0 * abs(v1 - V) / max(abs(v1), abs(V)) + 4.0 * abs(D))
-                if wrong > _CIRCUIT_TOLERANCE:
+                wrong = early_current(e, D, charges, V, v1)
+                if wrong > _CIRCUIT_TOLERANCE and charges > 1.0:
                     # a step of several time constants says nothing about one within the first
-                    third = 1.0 / 3.0
-                    within = rc / step if charges > 1.0 else shorter(_CIRCUIT_TOLERANCE / wrong, third)
-                    step = halved(step, within)
+                    step = halved(step, rc / step)
                     continue
-                if 8.0 * wrong > _CIRCUIT_TOLERANCE:
-                    grow = min(grow, 0.9 * (_CIRCUIT_TOLERANCE / wrong) ** (1.0 / 3.0))
+                step, grow = judged(step, grow, wrong, _CIRCUIT_TOLERANCE, 1.0 / 3.0, 8.0)
+                if step < length:
+                    continue
             if cuts and active > 0.0 and step > 1e-6 * whole:
-                # the tangent at the middle, and the current bent beside it
-                far = (v1 - V) / max(abs(v1), abs(V), 1e-9)
-                wrong = 0.1 * abs(e + D) * (1.0 - 1.0 / leaks) * curve * far * far * min(1.0, charges)
-                if wrong > _CIRCUIT_TOLERANCE:
-                    step = halved(step, shorter(_CIRCUIT_TOLERANCE / wrong, 0.5))
+                wrong = bent_leak(e + D, leaks, curve, charges, V, v1)
+                step, grow = judged(step, grow, wrong, _CIRCUIT_TOLERANCE, 0.5, 4.0)
+                if step < length:
                     continue
-                if 4.0 * wrong > _CIRCUIT_TOLERANCE:
-                    grow = min(grow, 0.9 * math.sqrt(_CIRCUIT_TOLERANCE / wrong))
             if aside != 0.0 or r_aside != 0.0:
                 # what is held in the middle beside the line, as a parabola
                 pushed = tab[mt.SM] * aside

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from ..compiled import njit
-from .circuit_kernel import fold, phi1, shorter
+from .circuit_kernel import fold, phi1
 from .material_kernel import (
     BEYOND,
     P_BETA,
@@ -36,6 +36,7 @@ from .material_kernel import (
     rested,
 )
 from .static import HOOKE
+from .step_length import shorter
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
