@@ -1,6 +1,7 @@
 """A second effect where one seems to be enough: a mode of the base stands in for it, or it is weak."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,14 @@ DELAY = {"acquisition_delay": {"T_d_s": 2e-3}}
 @pytest.mark.long
 def test_a_damper_that_a_mode_stands_in_for_is_found_beside_a_fractional_relaxation(tmp_path):
     """The quickest mode of the base, far below the sampling step, leaves nothing of a strong damper to be seen."""
-    case = draw_case(1547250)
-    assert set(case.effects) == {"fractional_relaxation", "parallel_damper"}
+    drawn = draw_case(1547250)
+    assert set(drawn.effects) == {"fractional_relaxation", "parallel_damper"}
+    # what the seed drew when this was found, written out: since then readings may be up to a sample early or late,
+    # which a damper hides behind, and strengths are drawn by another rule
+    effects = {"fractional_relaxation": {"k_f_Pa": 37352.9, "alpha_f": 0.0267718},
+               "parallel_damper": {"d0_Pa_s": 5720.45}}
+    plan = replace(drawn.plan, effects=effects, faults=replace(drawn.plan.faults, displacement_late_s=0.0))
+    case = replace(drawn, effects=effects, plan=plan)
     result = diagnose(load_campaign(write_case(case, tmp_path / "campaign")), case.model, seed=1)
     summary = result.summary
     # at 1 kHz a lag of the sensor is as good as a damper here: the set holds both
