@@ -35,8 +35,8 @@ def each_by_forward(c, recording):
 
 
 @pytest.mark.parametrize("text", [
-    *(f"hooke+gm1+{name}" for name in EFFECTS), "gent+gm1+inertia", "pz3+leakage+acquisition_delay",
-    pytest.param("yeoh+gm1+series_resistance+sensor_lag", marks=pytest.mark.long),
+    *(f"hooke+gm1+{name}" for name in EFFECTS), "pz3+leakage+acquisition_delay",
+    *(pytest.param(t, marks=pytest.mark.long) for t in ("gent+gm1+inertia", "yeoh+gm1+series_resistance+sensor_lag")),
 ])  # fmt: skip
 def test_every_effect_is_part_of_the_answer_to_a_command(text):
     c = drawn(text, hold="start" if text.endswith("lag") else "end")
