@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..campaign.schema import Recording
 from ..latest import Latest
-from .course import course_of
+from .course import Course, course_of
 from .electrostatics import filled_input
 from .slow_lines import AHEAD, FINE, ROUGH, LineSettings, corners, slow_lines, turns
 from .steps import Steps
@@ -146,42 +146,61 @@ class Nodes:
         return np.diff(self.time_s, prepend=self.time_s[:1])
 
 
+@dataclass(frozen=True)
+class Spacing:
+    """How close nodes are: all rows for fine_s (s) after a change of the command and for early_s (s) before it, which
+    readings that lead their command are read off between; then `growth` x (time since the change), cap_s (s) at most.
+    lines: of slow changes that are taken as lines."""
+
+    fine_s: float = 0.3
+    early_s: float = 0.02
+    growth: float = 0.025
+    cap_s: float = 1.0
+    lines: LineSettings = FINE
+
+
+_FEW = Spacing(fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0, lines=ROUGH)
+
+
 def make_nodes(
     recording: Recording,
     *,
     every_row: bool = False,
     lines: bool = False,
-    line_settings: LineSettings = FINE,
-    fine_s: float = 0.3,
-    early_s: float = 0.02,
-    growth: float = 0.025,
-    cap_s: float = 1.0,
     extra_rows: NDArray[np.int64] | tuple[int, ...] = (),
 ) -> Nodes:
     """Nodes of a recording with a `voltage_V` column.
 
-    Every row where the command changes, the row before it, those for `early_s` (s) before that, which readings that
-    lead their command are read off between, and all for `fine_s` (s) after it; on stretches of constant command the
-    spacing then grows as `growth` x (time since the change), up to `cap_s` (s). All rows of a step have the command of
-    the node at its end. lines: slow changes at every row are taken as lines of many rows (`slow_lines`), as long as
-    line_settings allow. extra_rows: further rows to include, without `lines`.
+    Every row where the command changes, the row before it, and those that `Spacing` has of the rest. All rows of a step
+    have the command of the node at its end. lines: slow changes at every row are taken as lines of many rows
+    (`slow_lines`). extra_rows: further rows to include, without `lines`.
     """
+    return _spaced(recording, course_of(recording), Spacing(), every_row, lines, extra_rows)
+
+
+def _spaced(
+    recording: Recording,
+    course: Course,
+    spacing: Spacing,
+    every_row: bool,
+    lines: bool,
+    extra_rows: NDArray[np.int64] | tuple[int, ...] = (),
+) -> Nodes:
     time_s = np.asarray(recording.time_s, float)
     n = time_s.size
-    course = course_of(recording)
     volts, step = course.at_rows(), course.step_s
     if every_row:
         keep = np.ones(n, dtype=bool)
     else:
-        keep = _coarse(time_s, volts, step, fine_s, early_s, growth, cap_s)
+        keep = _coarse(time_s, volts, step, spacing)
         keep[np.asarray(extra_rows, dtype=np.int64)] = True
     row = np.flatnonzero(keep)
     linear = recording.hold == "linear"
     slow = None
     # what trembles is no line of even rows, but for what a change of the parameters changes
-    pace = course.pace_s if line_settings is ROUGH else step
+    pace = course.pace_s if spacing.lines is ROUGH else step
     if lines and pace > 0:
-        slow = slow_lines(course.tick[row], course.volts, course.known, pace, linear, line_settings)
+        slow = slow_lines(course.tick[row], course.volts, course.known, pace, linear, spacing.lines)
     if slow is not None:
         row = np.searchsorted(course.tick, slow.row)
     temperature = recording.columns.get("temperature_C")
@@ -204,8 +223,8 @@ def rough_nodes(recording: Recording) -> Nodes:
 
     The output is smooth between its corners, and is to be read off as that.
     """
-    nodes = make_nodes(recording, lines=True, line_settings=ROUGH, fine_s=0.01, early_s=0.0, growth=0.2, cap_s=5.0)
     course = course_of(recording)
+    nodes = _spaced(recording, course, _FEW, every_row=False, lines=True)
     bends = np.searchsorted(nodes.place, course.beside(corners(course.volts)))
     return replace(nodes, corners=bends, is_rough=True)
 
@@ -215,9 +234,7 @@ def _across(volts: NDArray, tick: NDArray[np.int64]) -> NDArray[np.float64]:
     return np.stack([volts[np.concatenate([tick[:1], tick[:-1] + 1])], volts[tick]])
 
 
-def _coarse(
-    time_s: NDArray, volts: NDArray, step: float, fine_s: float, early_s: float, growth: float, cap_s: float
-) -> NDArray[np.bool_]:
+def _coarse(time_s: NDArray, volts: NDArray, step: float, spacing: Spacing) -> NDArray[np.bool_]:
     n = time_s.size
     changed = np.empty(n, dtype=bool)
     changed[0] = True
@@ -226,21 +243,21 @@ def _coarse(
     which = np.cumsum(changed) - 1
     # the row of a change ends an interval with the new command, which began at the row before
     edge = time_s[np.maximum(start - 1, 0)]
-    keep = time_s - edge[which] <= fine_s
+    keep = time_s - edge[which] <= spacing.fine_s
     keep[start] = True
     keep[np.maximum(start - 1, 0)] = True
     keep[[0, n - 1]] = True
     end = np.append(start[1:], n)
     before = end[which] - 1  # the row before the next change, or the last
-    keep |= (time_s[before] - time_s <= early_s) & (early_s > 0.0)
+    keep |= (time_s[before] - time_s <= spacing.early_s) & (spacing.early_s > 0.0)
     # one, where rows are further apart than that
-    keep[np.maximum(start - 2, 0)] |= early_s > 0.0
-    for k in np.flatnonzero(time_s[end - 1] - edge > fine_s):
+    keep[np.maximum(start - 2, 0)] |= spacing.early_s > 0.0
+    for k in np.flatnonzero(time_s[end - 1] - edge > spacing.fine_s):
         last = int(end[k]) - 1
-        i = int(np.searchsorted(time_s, edge[k] + fine_s, "right")) - 1
+        i = int(np.searchsorted(time_s, edge[k] + spacing.fine_s, "right")) - 1
         while i < last:
             keep[i] = True
-            wanted = min(growth * (time_s[i] - edge[k]), cap_s)
+            wanted = min(spacing.growth * (time_s[i] - edge[k]), spacing.cap_s)
             if step > 0:
                 stride = int(_STEP_GRID ** np.floor(np.log(max(wanted / step, 1.0) + 1e-9) / np.log(_STEP_GRID)))
                 i += max(1, stride)
