@@ -32,6 +32,12 @@ def phi1(x):
 
 
 @fold
+def decayed(z):
+    """exp(-z) to 2e-15 where |z| < 0.01; z may be complex."""
+    return 1.0 - z * (1.0 - z * (0.5 - z * (1.0 / 6.0 - z * (1.0 / 24.0 - z / 120.0))))
+
+
+@fold
 def straight(z):
     """A lag under a straight input for z time constants: what stays, weights of the input's start and end."""
     m = phi1(z)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Recording
 from .clock import Clock
 from .missing_drive import driven
+from .slow_lines import bend
 
 Array = NDArray[np.float64]
 
@@ -22,10 +23,12 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Course:
     """volts (N,) V: the command that acts until each tick, with hold = "linear" the one at the tick; where no row is
-    missing, ticks are rows. clock: None where there is none."""
+    missing, ticks are rows. clock: None where there is none. stamps (N,): when each command was taken, in ticks, where
+    stamps tremble about those."""
 
     volts: Array
     clock: Clock | None
+    stamps: Array | None = None
 
     @property
     def has_holes(self) -> bool:
@@ -58,6 +61,19 @@ class Course:
         rows = np.arange(n)
         return self.clock.ticks(rows) if self.clock is not None and self.has_holes else rows
 
+    @cached_property
+    def bend(self) -> Array:
+        """Change (N,) V of the command's change at each tick.
+
+        Where stamps tremble a smooth command was taken either on the ticks, and the stamps are what is late, or when
+        the stamps say. That in which it bends less is taken.
+        """
+        on_ticks = bend(self.volts)
+        if self.stamps is None:
+            return on_ticks
+        by_stamps = bend(self.volts, self.stamps)
+        return by_stamps if np.median(by_stamps) < np.median(on_ticks) else on_ticks
+
     def at_rows(self) -> Array:
         """The command (n,) that acts until each row."""
         return self.volts[self.tick] if self.has_holes else self.volts
@@ -86,4 +102,9 @@ def course_of(recording: Recording) -> Course:
     if recording.hold == "start":
         # what acts until a row is the command of the row before; before the first one nothing did
         volts = np.concatenate([[0.0], volts[:-1]])
-    return Course(volts, clock)
+    stamps = None
+    if clock is not None and not clock.is_even:
+        stamps = np.interp(np.arange(clock.size), clock.ticks(np.arange(clock.n)), recording.time_s) / clock.step_s
+        if recording.hold == "start":
+            stamps = np.concatenate([[2.0 * stamps[0] - stamps[1]], stamps[:-1]])
+    return Course(volts, clock, stamps)

@@ -200,7 +200,7 @@ def _spaced(
     # what trembles is no line of even rows, but for what a change of the parameters changes
     pace = course.pace_s if spacing.lines is ROUGH else step
     if lines and pace > 0:
-        slow = slow_lines(course.tick[row], course.volts, course.known, pace, linear, spacing.lines)
+        slow = slow_lines(course.tick[row], course.volts, course.bend, course.known, pace, linear, spacing.lines)
     if slow is not None:
         row = np.searchsorted(course.tick, slow.row)
     temperature = recording.columns.get("temperature_C")
@@ -211,7 +211,7 @@ def _spaced(
     if slow is None:
         return out if tick is None or linear else replace(out, lines_V=_across(course.volts, tick))
     # friction and softening may kink where a command turns, and readings that lead it show its corners rows before
-    ahead = np.append(corners(course.volts), course.volts.size - 1)[:, None] - np.arange(AHEAD + 1)
+    ahead = np.append(corners(course.volts, course.bend), course.volts.size - 1)[:, None] - np.arange(AHEAD + 1)
     bends = course.beside(np.union1d(np.clip(ahead, 0, course.volts.size - 1), turns(course.volts)))
     read = np.delete(slow.row, slow.unread)
     bends = np.searchsorted(slow.row, bends[np.isin(bends, read)])
@@ -225,7 +225,7 @@ def rough_nodes(recording: Recording) -> Nodes:
     """
     course = course_of(recording)
     nodes = _spaced(recording, course, _FEW, every_row=False, lines=True)
-    bends = np.searchsorted(nodes.place, course.beside(corners(course.volts)))
+    bends = np.searchsorted(nodes.place, course.beside(corners(course.volts, course.bend)))
     return replace(nodes, corners=bends, is_rough=True)
 
 

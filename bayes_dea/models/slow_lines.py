@@ -74,18 +74,18 @@ class Lines:
 
 
 def slow_lines(
-    row: NDArray[np.int64], volts: Array, known: NDArray[np.bool_], step_s: float, linear: bool,
+    row: NDArray[np.int64], volts: Array, bends: Array, known: NDArray[np.bool_], step_s: float, linear: bool,
     settings: LineSettings = FINE,
 ) -> Lines | None:
     """Groups of rows (see module) among the rows (m,) that are known so far; None where there are none.
 
-    volts (n,): the command at every row, held until the row or, with `linear`, straight between rows. known (n,): rows
-    that a group may begin and end with; the others are missing from the recording.
+    volts (n,): the command at every row, held until the row or, with `linear`, straight between rows. bends (n,) V: see
+    `bend`. known (n,): rows that a group may begin and end with; the others are missing from the recording.
     """
     largest = float(np.max(np.abs(volts)))
     if largest == 0.0 or row.size < 3:
         return None
-    room = _room(volts, largest, step_s, settings)
+    room = _room(volts, bends, largest, step_s, settings)
     # rows that are left out already stand still
     room[:-1][np.isin(np.arange(volts.size - 1) + 1, row, invert=True)] = 0
     starts = np.flatnonzero((room >= settings.fewest) & known)
@@ -98,20 +98,19 @@ def slow_lines(
     return _joined(row, volts, first, stop, start, end, last, linear) if first.size else None
 
 
-def corners(volts: Array) -> NDArray[np.int64]:
-    """Rows (k,) at which a command (n,) V jumps or kinks: it bends there far more than before and after.
+def corners(volts: Array, bends: Array) -> NDArray[np.int64]:
+    """Rows (k,) at which a command (n,) V jumps or kinks: it bends (n,) V there far more than before and after.
 
     A kink between two rows bends at both.
     """
-    bend = _bend(volts)
-    beside = np.pad(bend, 2)
+    beside = np.pad(bends, 2)
     beside = np.maximum(beside[:-4], beside[4:])
     least = _KINK * np.max(np.abs(volts))
-    out = bend > np.maximum(least, _SHARP * beside)
-    both = bend[:-1] + bend[1:]
-    around = np.pad(bend, 2)
+    out = bends > np.maximum(least, _SHARP * beside)
+    both = bends[:-1] + bends[1:]
+    around = np.pad(bends, 2)
     around = np.maximum(around[: both.size], around[5:][: both.size])  # two rows before the first, two after the second
-    split = (both > np.maximum(least, 2.0 * _SHARP * around)) & (np.minimum(bend[:-1], bend[1:]) > 0.1 * both)
+    split = (both > np.maximum(least, 2.0 * _SHARP * around)) & (np.minimum(bends[:-1], bends[1:]) > 0.1 * both)
     out[:-1] |= split
     out[1:] |= split
     return np.flatnonzero(out)
@@ -123,23 +122,23 @@ def turns(volts: Array) -> NDArray[np.int64]:
     return np.flatnonzero(change[1:] != change[:-1]) + 1
 
 
-def _bend(volts: Array) -> Array:
-    """Change of the change (n,) at each row, zero at the ends."""
+def bend(volts: Array, at: Array | None = None) -> Array:
+    """Change (n,) V of a command's change at each row, zero at the ends. at (n,): when it was taken, in steps."""
+    change = np.diff(volts)
     out = np.zeros(volts.size)
-    out[1:-1] = np.abs(np.diff(volts, 2))
+    out[1:-1] = np.abs(np.diff(change if at is None else change / np.diff(at)))
     return out
 
 
-def _room(volts: Array, largest: float, step_s: float, settings: LineSettings) -> NDArray[np.int64]:
+def _room(volts: Array, bends: Array, largest: float, step_s: float, settings: LineSettings) -> NDArray[np.int64]:
     """Rows (n,) that a group which begins at a row may have, the deviation from a line apart."""
     n = volts.size
     at = np.arange(n)
     change = np.diff(volts)
-    bend = _bend(volts)
-    rough = bend > settings.bend * largest
-    rough[corners(volts)] = True
+    rough = bends > settings.bend * largest
+    rough[corners(volts, bends)] = True
     rough[[0, -1]] = True
-    jump = rough & (bend > _JUMP * largest)
+    jump = rough & (bends > _JUMP * largest)
     jump[0] = True
     ends = rough.copy()
     ends[1:-1] |= change[1:] * change[:-1] <= 0.0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..compiled import njit
-from .circuit_kernel import inline, leaking, place
+from .circuit_kernel import decayed, inline, leaking, place
 
 #: a ramp is cut into lines of at most so many volts, because the stress along it is the square
 _RAMP_V = 100.0
@@ -19,6 +19,9 @@ _PIECES, _FAR = 24, 0.05
 
 #: lengths of steps of which coefficients are kept; a power of two
 _KEPT = 64
+
+#: difference of two lengths, in time constants, up to which the decay over one follows from that over the other
+_NEARLY = 1e-2
 
 _jit = njit(cache=True, error_model="numpy", nogil=True)
 
@@ -260,30 +263,46 @@ def network(h, start, end, D, c, T, out):
 
 @_jit
 def swinging(h, start, end, c, T, out):
-    """Strain (m,) of a mass on a network in modes c (K,) 1/Pa, T (K,) s, complex in pairs; otherwise as `network`."""
-    K = T.size
-    f, keep = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
-    w0, w1 = np.zeros(K, dtype=np.complex128), np.zeros(K, dtype=np.complex128)
+    """Strain (m,) of a mass on a network in modes c (K,) 1/Pa, T (K,) s, complex in pairs; otherwise as `network`.
+
+    Of a pair one is followed. Where stamps tremble every step is of another length: what stays of a mode after it is
+    worked out from what stays after one that is nearly as long.
+    """
+    K = 0
+    tau, weight, f = np.empty_like(T), np.empty_like(T), np.zeros_like(T)
+    rate, size = np.empty_like(T), np.empty(T.size)
+    for j in range(T.size):
+        if not T[j].imag < 0.0:  # what is no number stays in
+            tau[K], rate[K], size[K] = T[j], 1.0 / T[j], 1.0 / abs(T[j])
+            weight[K] = 2.0 * c[j] if T[j].imag > 0.0 else c[j]
+            K += 1
     length, kept = np.full(_KEPT, -1.0), np.empty((_KEPT, 3, K), dtype=np.complex128)
-    known = -1.0
+    known, k = -1.0, 0
     for i in range(h.size):
         if h[i] != known:
             known = h[i]
             k = place(known, _KEPT)
             if length[k] != known:
+                per = 1.0 / known
+                longer = known - length[k] if length[k] > 0.0 else math.inf
                 length[k] = known
                 for j in range(K):
-                    z = known / T[j]
-                    small = abs(z) < 1e-4
-                    m = 1.0 - z * (0.5 - z / 6.0) if small else (1.0 - np.exp(-z)) / z
-                    kept[k, 0, j] = 1.0 - z * m
-                    kept[k, 2, j] = c[j] * z * (0.5 - z / 6.0) if small else c[j] * (1.0 - m)
-                    kept[k, 1, j] = c[j] * z * m - kept[k, 2, j]
-            for j in range(K):
-                keep[j], w0[j], w1[j] = kept[k, 0, j], kept[k, 1, j], kept[k, 2, j]
+                    z = known * rate[j]
+                    if known * size[j] < 1e-4:
+                        m, rest = 1.0 - z * (0.5 - z / 6.0), z * (0.5 - z / 6.0)
+                        kept[k, 0, j] = 1.0 - z * m
+                    else:
+                        if abs(longer) * size[j] < _NEARLY:
+                            kept[k, 0, j] *= decayed(longer * rate[j])
+                        else:
+                            kept[k, 0, j] = np.exp(-z)
+                        m = (1.0 - kept[k, 0, j]) * tau[j] * per
+                        rest = 1.0 - m
+                    kept[k, 2, j] = weight[j] * rest
+                    kept[k, 1, j] = weight[j] * (m - kept[k, 0, j])
         e = 0.0
         for j in range(K):
-            x = keep[j] * f[j] + (w0[j] * start[i] + w1[j] * end[i])
+            x = kept[k, 0, j] * f[j] + (kept[k, 1, j] * start[i] + kept[k, 2, j] * end[i])
             f[j] = x
             e += x.real
         out[i] = e

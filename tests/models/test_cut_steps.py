@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from bayes_dea.models.circuit_kernel import following, halved
+from bayes_dea.models.step_length import following, halved
 
 
 def test_a_cut_step_is_no_longer_than_asked_and_longer_than_half_of_that():

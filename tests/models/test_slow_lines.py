@@ -16,7 +16,7 @@ from bayes_dea.models.plant import plant_of
 from bayes_dea.models.plant_kernel import drive_voltage
 from bayes_dea.models.plant_layout import P_WHOLE, X_TRIED
 from bayes_dea.models.simulate_plant import simulate_nodes
-from bayes_dea.models.slow_lines import corners, turns
+from bayes_dea.models.slow_lines import bend, corners, turns
 
 UM = 1e-6
 SENSOR = Sensor(fluctuation=1e-6, accuracy=5e-6, resolution=1e-8)
@@ -32,6 +32,10 @@ SMOOTH = [name for name, effect in registered_effects().items() if "voltage" in 
 def recording(volts, hold="end"):
     columns = {"time_s": T, "voltage_V": volts, "displacement_m": 0 * T, "temperature_C": 20 + 0.1 * T}
     return recording_from_arrays("slow.csv", "voltage", columns, "identify", ACTUATOR, hold=hold)
+
+
+def corners_of(volts):
+    return corners(volts, bend(volts))
 
 
 def at_rows(nodes, y):
@@ -180,20 +184,20 @@ def test_limits_corners_and_ringing_need_every_row():
 
 def test_corners_are_where_a_command_bends_far_more_than_beside():
     jump, kink = 501, np.flatnonzero(np.abs(np.diff(TRIANGLE, 2)) > 0.2)[2:] + 1
-    assert corners(np.where(T > 0.5, 800.0, 0.0)).tolist() == [jump - 1, jump]
-    found = corners(TRIANGLE)
+    assert corners_of(np.where(T > 0.5, 800.0, 0.0)).tolist() == [jump - 1, jump]
+    found = corners_of(TRIANGLE)
     assert set(kink.tolist()) <= set(found.tolist())
     assert found.size <= kink.size + 3
     # a quick sine bends as much at every row as a slow triangle does at its kinks
     quick = 650 + 400 * np.sin(2 * np.pi * 8.0 * T)
     assert np.abs(np.diff(quick, 2)).max() > 3 * np.abs(np.diff(TRIANGLE, 2)[3000:3004]).max()
-    assert corners(quick).size == 0
+    assert corners_of(quick).size == 0
 
 
 def test_a_kink_between_two_rows_is_a_corner_at_both():
     for share in (0.2, 0.5, 0.8):
         t = np.arange(4000) - 2000.0 - share
-        found = corners(1000.0 - 0.2 * np.abs(t))
+        found = corners_of(1000.0 - 0.2 * np.abs(t))
         assert {2000, 2001} <= set(found.tolist())
         assert found.size <= 4
 
@@ -232,7 +236,24 @@ def test_rough_nodes_are_few_also_where_a_command_is_quick():
     assert make_nodes(r, lines=True).corners is None
     assert not make_nodes(r, lines=True).is_rough
     assert rough.is_rough
-    np.testing.assert_array_equal(rough.row[rough.corners], corners(r.columns["voltage_V"]))
+    np.testing.assert_array_equal(rough.row[rough.corners], corners_of(r.columns["voltage_V"]))
+
+
+@pytest.mark.parametrize("hold", ["end", "start", "linear"])
+@pytest.mark.parametrize("taken", ["at the stamps", "on the ticks"])
+def test_rough_nodes_are_few_also_where_stamps_tremble(taken, hold):
+    """A smooth command that was taken at uneven stamps bends from row to row; it has no more corners for that."""
+
+    def few(stamps, at):
+        volts = np.where(T > 0.5, 650 + 400 * np.sin(2 * np.pi * 1.3 * (at - T[500])), 0.0)
+        columns = {"time_s": stamps, "voltage_V": volts, "displacement_m": 0 * T}
+        return rough_nodes(recording_from_arrays("slow.csv", "voltage", columns, "identify", ACTUATOR, hold=hold))
+
+    stamps = T + np.append(0.0, 4e-5 * np.random.default_rng(3).standard_normal(T.size - 1))
+    even = few(T, T)
+    found = few(stamps, stamps if taken == "at the stamps" else T)
+    assert found.size < 1.05 * even.size
+    assert found.corners.size <= even.corners.size + 2
 
 
 def test_at_rough_nodes_no_step_is_cut():

@@ -10,6 +10,7 @@ from bayes_dea.models.plant import Plant
 from bayes_dea.models.plant_kernel import drive_voltage
 from bayes_dea.models.simulate_plant import _strain
 from bayes_dea.models.steps import Steps
+from bayes_dea.models.supply_kernel import swinging
 
 PLANT = Plant(Y_Pa=1.2e6, branches=[(60e3, 20.0), (80e3, 0.3)], factor=0.0262, f_1_Hz=87.0, zeta=0.07)
 MORE = [{}, {"zeta": 0.9}, {"d0_Pa_s": 900.0}, {"chi": 0.02, "tau_d_s": 0.4}, {"branches": []},
@@ -32,6 +33,25 @@ def test_modes_and_steps_agree(more):
     drive_voltage(plant.kernel_numbers(), plant.law, h, volts, volts, by_steps, None)
     by_modes = _strain(plant, Steps(h, volts, volts, np.ones(h.size, dtype=np.int64)))
     assert np.max(np.abs(by_modes - by_steps)) < 2e-5 * np.max(np.abs(by_steps))
+
+
+@pytest.mark.parametrize("more", MORE)
+def test_steps_that_tremble_are_as_exact(more):
+    """What stays after a step that is nearly as long as another follows from that: against every exponential itself."""
+    plant = replace(PLANT, **more)
+    h = 1e-3 + 3e-5 * np.random.default_rng(5).standard_normal(20_000)
+    found = np.empty(h.size)
+    start, end = np.random.default_rng(6).uniform(0.0, 2e4, (2, h.size))
+    c, T = plant.swinging_modes
+    swinging(h, start, end, c, T, found)
+    y, wanted = np.zeros(c.size, complex), np.empty(h.size)
+    for i, step in enumerate(h):
+        z = step / T
+        stays = np.exp(-z)
+        mean = -np.expm1(-z) / z
+        y = stays * y + c * ((mean - stays) * start[i] + (1.0 - mean) * end[i])
+        wanted[i] = y.sum().real
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-10 * np.max(np.abs(wanted)))
 
 
 def test_modes_solve_the_equation_of_motion():
