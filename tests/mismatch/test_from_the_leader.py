@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.search.hypotheses import extended
 from bayes_dea.mismatch.search.quest import Quest
+from bayes_dea.mismatch.search.relabel import within
 from bayes_dea.mismatch.search.rivals import again, from_the_leader
+from bayes_dea.mismatch.search.weigh import Weighed
 
 
 @pytest.mark.long
@@ -37,3 +40,25 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     assert known.log_evidence > stuck.log_evidence + 0.9 * abs(behind)
     # a rival that stands well is not moved, or by next to nothing
     assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], quest))
+
+
+def test_what_the_leader_contains_comes_back_from_however_far():
+    """A leak that takes nothing is a resistance; the resistance alone stands hundreds of nats behind."""
+    problem, prior, q = problem_of(concealed({"series_resistance": {"R_s_ohm": 1.5e5}}))
+    base = refit(problem, q, prior.start(), prior)
+    start = Weighed((), base, base.log_evidence, 0.1, 0.0)
+    leader, rival = (
+        within(start, base, extended(problem.model, [name], {}), prior) for name in ("leakage", "series_resistance")
+    )
+    fit = rival.fit
+    away = fit.q.copy()
+    away[fit.problem.model.priors.names.index("R_s_ohm")] += np.log(1.2)
+    stuck = refit(fit.problem, away, fit.noise, prior, max_steps=0, fit_noise=False)
+    assert stuck.log_evidence < leader.log_evidence - 200.0  # the premise
+    astray = replace(rival, fit=stuck, log_evidence=stuck.log_evidence)
+    quest = Quest(base, (), {}, prior, np.random.default_rng(1))
+    (back,) = from_the_leader(leader, [astray, leader], quest)
+    assert back.effects == ("series_resistance",)
+    assert abs(back.log_evidence - fit.log_evidence) < 1.0
+    # of another one that far behind the search has told enough
+    assert from_the_leader(replace(leader, effects=("sensor_lag",)), [astray], quest) == []

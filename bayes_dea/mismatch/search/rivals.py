@@ -11,6 +11,7 @@ import numpy as np
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ..where.size import effect_size
+from .beside import puts_back
 from .elements import counted, counted_as
 from .pairs import PARTNERS
 from .quest import Quest
@@ -62,8 +63,10 @@ def from_the_leader(
     """Rivals of as many effects, fitted again from the base that the leader has.
 
     A search may have ended with a base that is astray (slow modes beside a drift), and then what does just the same as
-    the leader looks nats worse. So it does where only the leader's elements of friction were counted. Given are those
-    that are likelier than before. reached: the log evidence that rivals have to be near; the leader's, where not given.
+    the leader looks nats worse. So it does where only the leader's elements of friction were counted. What the leader
+    contains, a resistance without its leak, can do almost all that it does, however far behind its own search ended.
+    Given are those that are likelier than before. reached: the log evidence that rivals have to be near; the leader's,
+    where not given.
     """
     count, base, prior = len(leader.effects), quest.base, quest.prior
     reached = leader.log_evidence if reached is None else reached
@@ -76,7 +79,8 @@ def from_the_leader(
     for k, w in enumerate(rivals):
         model = counted_as(w.fit.problem.model, leader.fit.problem.model)
         # how many nats a wrong count costs is not known before
-        if model is w.fit.problem.model and w.log_evidence < reached - CROSSED:
+        far = w.log_evidence < reached - CROSSED and not puts_back(w, leader)
+        if model is w.fit.problem.model and far:
             continue
         quest.say("comparing rivals", k, len(rivals), w.name)
         problem = leader.fit.problem.with_model(model)
