@@ -41,11 +41,16 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Stated accuracies of one sensor in the SI unit of its channel; None where not stated."""
+    """Stated accuracies of one sensor in the SI unit of its channel; None where not stated.
+
+    gain_sd: what the relative error of its scale is taken for where no accuracy is stated; none where None. It stands
+    in no file.
+    """
 
     fluctuation: float | None = None  # random scatter, one standard deviation
     accuracy: float | None = None  # limits of the systematic error, +-
     resolution: float | None = None  # quantisation step
+    gain_sd: float | None = None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..assemble import Assembled, assemble
-from ..campaign.schema import Campaign
+from ..campaign.schema import Campaign, Sensor
 from ..errors import InputError
 from ..find_map import MapSettings
 from ..gauss_newton.journal import Journal
@@ -25,6 +25,10 @@ from .where.size import STEP_M
 
 #: how often a fit is made again because it showed false readings
 ROUNDS = 3
+#: relative error of a sensor's scale, one sd, where its accuracy is not stated: what nobody has calibrated is off by
+#: some per cent. Taken as exact it would be made up for by physics; free, it costs what only voltages and forces
+#: together tell
+_UNSTATED_GAIN_SD = 0.1
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ def prepared(
 ) -> Prepared:
     """Read the noise, reduce the recordings, fit the model. Raises InputError where it has no answer at its best."""
     say("reading noise", 0, 1, campaign.name)
+    campaign = _with_unknown_scales(campaign)
     limit = sensor_limit(campaign)
     usable = campaign if limit is None else cut_out(campaign, limit)
     assembled = assemble(usable, model, workers, lambda *at: say("reading noise", *at))
@@ -69,6 +74,19 @@ def prepared(
         seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
     lap("reduce")
     return Prepared(campaign, assembled, pieces, prior, seen, _resolution(campaign, pieces), limit)
+
+
+def _with_unknown_scales(campaign: Campaign) -> Campaign:
+    """The same, with a scale that may be off where a sensor's accuracy is not stated."""
+    sensors = {
+        channel: replace(sensor, gain_sd=_UNSTATED_GAIN_SD) if _is_unknown(channel, sensor) else sensor
+        for channel, sensor in campaign.sensors.items()
+    }
+    return replace(campaign, sensors=sensors)
+
+
+def _is_unknown(channel: str, sensor: Sensor) -> bool:
+    return channel in ("displacement", "force") and sensor.accuracy is None
 
 
 def _resolution(campaign: Campaign, pieces: tuple[Piece, ...]) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.schema import Sensor
+from bayes_dea.campaign.vocabulary import SENSOR_UNITS
 from bayes_dea.errors import InputError
 
 #: log-sd of the prior of sigma around a stated fluctuation (the sheet may mean peak-to-peak)
@@ -111,8 +112,9 @@ def noise_terms(sensor: Sensor, zeroed: bool, largest_signal: float, *, estimate
     channel : name for messages, as in `[sensor.displacement]`.
 
     Where the accuracy is missing the offset gets an sd of a third of the largest signal (nearly free)
-    and the gain none: a free gain would take all information on stiffness away, so the statement is
-    asked for in a warning. Where the fluctuation is missing the data give the median, with a log-sd of 0.8.
+    and the gain the `gain_sd` of the sensor, by default none: a free gain would take all information on
+    stiffness away. The statement is asked for in a warning. Where the fluctuation is missing the data
+    give the median, with a log-sd of 0.8.
 
     Raises
     ------
@@ -144,11 +146,16 @@ def noise_terms(sensor: Sensor, zeroed: bool, largest_signal: float, *, estimate
         gain = systematic / largest_signal if largest_signal > 0 else 0.0
         offset = sigma if zeroed else systematic
     else:
-        gain = 0.0
-        offset = sigma if zeroed else max(OFFSET_SHARE_UNSTATED * largest_signal, sigma)
-        warnings.append(f"{where} states no accuracy; the offset is left nearly free (sd {offset:.3g}) and "
-                        "the gain is taken as exact. The bands leave out the error of the sensor's scale: "
-                        "state it.")
+        gain = sensor.gain_sd or 0.0
+        free = max(OFFSET_SHARE_UNSTATED * largest_signal, sigma)
+        offset = sigma if zeroed else free
+        scale = (f"its scale within {gain:.0%} (sd). State it in campaign.toml: what follows is less certain for that."
+                 if gain > 0.0 else
+                 "the gain is taken as exact. The bands leave out the error of the sensor's scale: state it.")
+        unit = SENSOR_UNITS.get(channel, "")
+        # the same for recordings that were zeroed, so that it is said once
+        warnings.append(f"{where} states no accuracy; the offset of a recording that was not zeroed is left nearly "
+                        f"free (sd {free:.3g} {unit}) and {scale}")
 
     interval = step > 0 and sigma <= step / 2
     if interval:

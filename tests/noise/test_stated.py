@@ -1,5 +1,7 @@
 """Noise terms from stated accuracies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -51,6 +53,15 @@ def test_missing_accuracy_leaves_the_offset_free_and_says_so():
     assert terms.offset_sd == pytest.approx(1e-4)
     assert terms.gain_sd == 0
     assert "no accuracy" in terms.warnings[0]
+    assert "sd 0.0001 m" in terms.warnings[0]
+    assert "taken as exact" in terms.warnings[0]
+    # said once for recordings of either kind
+    assert noise_terms(Sensor(fluctuation=1e-6), True, 3e-4).warnings == terms.warnings
+    unknown = noise_terms(Sensor(fluctuation=1e-6, gain_sd=0.1), False, 3e-4)
+    assert unknown.gain_sd == 0.1
+    assert "within 10%" in unknown.warnings[0]
+    # what is stated counts
+    assert noise_terms(replace(LASER, gain_sd=0.1), False, 1e-4) == noise_terms(LASER, False, 1e-4)
 
 
 def test_no_signal_no_gain():
