@@ -72,6 +72,8 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     #: whether every recording has a gain of its own
     loose: bool = False
+    #: recordings to validate that a factor alone sets apart
+    foreign: tuple[str, ...] = ()
     #: the same with its parameters sampled, where that was put off
     sampled: Callable[[], Diagnosis] | None = field(default=None, repr=False, compare=False)
 
@@ -128,7 +130,10 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
     p_value = first.contradiction
     assert p_value is not None
     best = second.naming.best
-    if second_look.overrules(first.summary, second.summary, not best.weighed.effects and best.adequate):
+    explained = not best.weighed.effects and best.adequate
+    # "unknown" is no better an answer than a recording of another actuator
+    told_apart = bool(first.foreign) and second.verdict == UNKNOWN
+    if not told_apart and second_look.overrules(first.summary, second.summary, explained):
         result = second
         note = second_look.overruled_note(first.summary, second.summary, p_value, second_look.to_validate(campaign))
         result.summary["statement"] = f"{result.summary['statement']} {note}."
@@ -136,9 +141,9 @@ def _decided(first: Diagnosis, second: Diagnosis, campaign: Campaign) -> Diagnos
         said = "" if best.small is None else small_note(best.small, best.weighed)
         # a recording of another actuator among those to validate, say
         result = first.sampled() if first.sampled is not None else first
-        # which has its note already
+        # which has its note already, and of whose size the other ones' means know too much
         told = [w["recording"] for w in result.summary["mismatch"]["where"] if w["what"].startswith(ANOTHER)]
-        note = "; ".join(n for n in second.notes if not any(n.startswith(name) for name in told))
+        note = "; ".join(n for n in second.notes if not any(name in n for name in told))
         note = note or ("" if told else second_look.kept_note(p_value, said))
     result.summary["warnings"][:0] = [note] if note else []
     for phase, seconds in (first if result is second else second).summary["seconds_by"].items():
@@ -199,6 +204,8 @@ def _once(
         held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
         foreign = held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
         notes += [f.note() for f in foreign]
+        away = {f.recording for f in foreign}
+        proved = [h for h in proved if h.recording not in away] or proved
     assembled = ready.assembled
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
 
@@ -222,7 +229,10 @@ def _once(
         summary["seconds_by"] = lap.seconds
         said = (*seen.notes, *([] if found.gains is None else [found.gains.note()]), *found.timing())
         p_value = None if against is None else against.p_value
-        return Diagnosis(assembled, base, corrected, naming, proved, found.looks, summary, p_value, said, seen.loose)
+        apart = tuple(f.recording for f in foreign if f.alone)
+        return Diagnosis(
+            assembled, base, corrected, naming, proved, found.looks, summary, p_value, said, seen.loose, apart
+        )
 
     def sampled() -> Diagnosis:
         lap.begin()  # it may have been put off

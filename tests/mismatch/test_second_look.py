@@ -1,5 +1,6 @@
 """Recordings to validate that contradict the verdict on those to identify."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -97,7 +98,8 @@ def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it(
         summary = {"verdict": "amplitude_softening", "adequate": True, "corrected_priors": {}, "warnings": [],
                    "seconds_by": {}, "mismatch": {"where": []}}  # fmt: skip
         naming = SimpleNamespace(best=SimpleNamespace(weighed=claimed, small=small))
-        return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against, sampled=None)
+        return SimpleNamespace(summary=summary, naming=naming, notes=(), contradiction=against, sampled=None,
+                               foreign=(), verdict=summary["verdict"])  # fmt: skip
 
     first = look(3e-11, None)
     assert _decided(first, look(None, drift), None) is first
@@ -110,6 +112,46 @@ def test_a_verdict_that_stands_says_what_all_recordings_together_show_beside_it(
     kept = look(3e-11, None)
     first.sampled = lambda: kept
     assert _decided(first, look(None, None), None) is kept
+
+
+@pytest.mark.parametrize("foreign", [(), ("rectangle.csv",)])
+def test_unknown_physics_is_no_better_answer_than_a_recording_of_another_actuator(foreign):
+    """All recordings together are explained by nothing on the list; where one is of another size that is why."""
+    gains = "the sensor's gain differs from recording to recording: sine.csv reads 0.910 and rectangle.csv 1.457 times"
+
+    def look(verdict, notes):
+        where = [{"recording": n, "what": "of another actuator"} for n in foreign] if verdict == "sensor_lag" else []
+        weighed = SimpleNamespace(effects=("sensor_lag",))
+        summary = {"verdict": verdict, "adequate": False, "corrected_priors": {}, "warnings": [], "seconds_by": {},
+                   "statement": "", "confidence": 0.9, "mismatch": {"where": where}}  # fmt: skip
+        return SimpleNamespace(
+            summary=summary, naming=SimpleNamespace(best=SimpleNamespace(weighed=weighed, small=None, adequate=False)),
+            notes=notes, contradiction=1e-9, sampled=None, foreign=foreign, verdict=verdict,
+        )
+
+    first, second = look("sensor_lag", ()), look("unknown", (gains,))
+    result = _decided(first, second, SimpleNamespace(recordings=()))
+    assert result is (first if foreign else second)
+    # sizes that all lead to expect, that one among them, are nothing to be told beside it
+    assert not any("gain" in w for w in result.summary["warnings"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["rectangle_1Hz.csv", "creep_1200V.csv"])
+def test_one_that_is_far_larger_is_named_and_the_rest_proves_the_verdict(name):
+    c = concealed({"series_resistance": {"R_s_ohm": 1.5e5}}, validate=False)
+    names = {r.name for r in c.recordings}
+    assert name in names
+    kept = {name, next(n for n in sorted(names, reverse=True) if n != name)}
+    large = [replace(r, columns={**r.columns, "displacement_m": r.columns["displacement_m"] * 1.6})
+             if r.name == name else r for r in c.recordings]
+    s = diagnose(with_roles(replace(c, recordings=tuple(large)), kept), "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "series_resistance"
+    (note,) = [w for w in s["warnings"] if name in w]
+    said = re.search(r"does not belong to the actuator of the others: its displacement is ([\d.]+)", note)
+    assert float(said[1]) == pytest.approx(1.6, abs=0.01)
+    assert [h["recording"] for h in s["proof"]["held_out"]] == sorted(kept - {name})
+    assert s["proof"]["rmse_after_m"] < 1.06 * s["proof"]["noise_m"]
 
 
 @pytest.mark.long

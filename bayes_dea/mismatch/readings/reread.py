@@ -38,6 +38,10 @@ _NEARLY = 0.7
 #: standard errors by which a recording of another actuator differs from the others; more of one to validate, of which
 #: nothing but its size is looked at
 _SIGMAS, _SIGMAS_UNSEEN = 5.0, 8.0
+#: times what a recording scatters by at rest that is no more than that, beside standard errors of what that is
+_SCATTERS, _ERRORS = 1.05, 3.0
+#: readings at rest that say what that is
+_FEWEST = 10
 #: squares of residuals a block beyond which a refit without one recording leaves more than noise, before a scan says so
 _TOO_LARGE = 1.5
 
@@ -224,18 +228,22 @@ def too_few_for_an_odd_one(fit: Fit) -> list[str]:
 
 @dataclass(frozen=True)
 class Foreign:
-    """A recording to validate that is not of the actuator of the others: its displacement over what these expect."""
+    """A recording to validate that is not of the actuator of the others: its displacement over what these expect.
+
+    alone: whether that leaves nothing but what the sensor scatters by in it at rest.
+    """
 
     recording: str
     ratio: float
     se: float
+    alone: bool = True
 
     def note(self) -> str:
         """One line that names it."""
         return (
             f"{self.recording}: this recording does not belong to the actuator of the others: its displacement is "
             f"{self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect; check what it was recorded "
-            "on"
+            "on. The error on recordings never seen is told without it"
         )
 
 
@@ -250,8 +258,21 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
     se = _spread(found[: len(used)])
     for piece, ratio in zip(unseen, found[len(used) :], strict=True):
         if abs(ratio - 1.0) > max(DIFFERENT, _SIGMAS_UNSEEN * se):
-            out.append(Foreign(piece.name, ratio, se))
+            out.append(Foreign(piece.name, ratio, se, _a_factor_is_all(fit, piece)))
     return out
+
+
+def _a_factor_is_all(fit: Fit, piece: Piece) -> bool:
+    """Whether a piece leaves no more than it scatters by at rest once it has an offset and a gain of its own."""
+    (x,) = replace(fit.problem, pieces=(piece,)).rows(fit.q)
+    p = piece.prepared
+    left = (p.y - offset_and_gain(piece, x)[0])[p.observed]
+    # readings that are correlated say as much of their variance as so many that are not
+    count = p.quiet_n * (1.0 - p.quiet_rho**2) / (1.0 + p.quiet_rho**2)
+    if count < _FEWEST:
+        return False
+    most = _SCATTERS + _ERRORS / math.sqrt(2.0 * count)
+    return bool(np.sqrt(np.mean(left**2)) < most * p.quiet_sd)
 
 
 def stated_hold(pieces: tuple[Piece, ...]) -> str:
