@@ -26,7 +26,7 @@ from .held_gains import held_gains
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
-from .prove import HeldOut, held_out, proof, unanswered, without_validation
+from .prove import HeldOut, held_out, proof, unanswered, with_noise_at_rest, without_validation
 from .readings.clipped import beyond_reach, restored
 from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .readings.seen import Seen
@@ -180,6 +180,8 @@ def _once(
     if found.terms is not None and how == "validate":
         held = tuple(p for p in scored if not p.identify)
         mended = held_out(corrected, found.terms.fit, held, clip, beside=found.terms.added)
+    if ruling.verdict == UNKNOWN:
+        proved, mended = (with_noise_at_rest(h, corrected, seen.pieces, ready.prior) for h in (proved, mended))
     against = None
     if ruling.verdict != UNKNOWN and found.explanation.adequate:
         by_name = {p.name: p for p in seen.pieces}

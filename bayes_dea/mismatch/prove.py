@@ -214,6 +214,17 @@ def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> 
     )
 
 
+def with_noise_at_rest(proved: list[HeldOut], fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[HeldOut]:
+    """Scores with the floor that readings at rest tell, where that is lower.
+
+    A fit that leaves a mismatch takes it for noise; as a floor that is above the errors which it is compared with.
+    """
+    known = {p.channel for p in pieces if p.prepared.quiet_n}
+    at_rest = replace(fit, noise=prior.start())
+    floor = {p.name: _floor(at_rest, p) for p in pieces if p.channel in known}
+    return [replace(h, noise=min(h.noise, floor.get(h.recording, math.inf))) for h in proved]
+
+
 def _floor(fit: Fit, piece: Piece) -> float:
     """RMSE of the right model: the noise, and what the scatter of the position leaves in what drives it."""
     further = np.broadcast_to(piece.white_variance, piece.blocks.n).sum()
