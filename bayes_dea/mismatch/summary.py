@@ -70,8 +70,7 @@ def summarise(
         entry: dict[str, Any] = {
             "name": name,
             "probability": p[name],
-            "log_evidence": naming.log_evidence.get(physics[name]),
-            "log_evidence_se": naming.log_evidence_se.get(physics[name]),
+            **_evidence(naming, physics[name], judged.ruling.nats.get(name, 0.0)),
             "parameters": {},
         }
         if physics[name] in naming.weighed:
@@ -130,6 +129,14 @@ def summarise(
         out["warnings"].insert(0, note)
         out["statement"] = f"{note[0].upper()}{note[1:]}."
     return out
+
+
+def _evidence(naming: Naming, physics: str, nats: float) -> dict[str, float | None]:
+    """Log evidence and its standard error; none of a name that the readings rule out by themselves."""
+    value = naming.log_evidence.get(physics)
+    if value is None or nats == -math.inf:
+        return {"log_evidence": None, "log_evidence_se": None}
+    return {"log_evidence": value + nats, "log_evidence_se": naming.log_evidence_se.get(physics)}
 
 
 def _corrected(model: Model, naming: Naming, verdict: str) -> str:

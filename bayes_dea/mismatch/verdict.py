@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
 from ..models.effects import registered_effects
 from .readings.clipped import Limit, expectations, lost_m
-from .readings.mains import mains_probability
+from .readings.mains import mains_parameters, mains_probability
 from .search.hypotheses import DELAY, MAINS, NONE, UNKNOWN, prior_odds
 from .search.naming import Naming
 from .timing import as_timing
@@ -26,13 +27,15 @@ _SILENT = 0.25
 class Ruling:
     """The name that is claimed, the probability of every name, the physics behind each, and shifts that one carries.
 
-    delays_s: shifts below one sample, which are timing and part of no name.
+    delays_s: shifts below one sample, which are timing and part of no name. nats: by name, evidence of what the
+    readings show by themselves, or do not show, beside that of the physics; minus infinity where they rule it out.
     """
 
     verdict: str
     probability: dict[str, float]
     physics: dict[str, str]
     delays_s: dict[str, float]
+    nats: dict[str, float] = field(default_factory=dict)
 
     @property
     def members(self) -> list[str]:
@@ -65,7 +68,7 @@ class Fact:
 
 
 def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution: float) -> list[Fact]:
-    out = [Fact(MAINS, mains_probability(fit, resolution), {})]
+    out = [Fact(MAINS, mains_probability(fit, resolution), mains_parameters(fit))]
     if limit is not None:
         lost = lost_m(expectations(fit, pieces, limit), pieces, limit, fit.noise)
         value, sd = limit.value_m, limit.sd_m
@@ -87,6 +90,7 @@ def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Rulin
     if uneven:
         left = 0.5 * FALSE_ALARMS * p.get(NONE, 0.0)
         p = {**p, NONE: left, UNKNOWN: p.get(UNKNOWN, 0.0) + p.get(NONE, 0.0) - left}
+    nats = dict.fromkeys(p, 0.0)
     for fact in facts:
         # every hypothesis carries it in its noise or its masks; with "none" it is by itself what was left out
         for name in list(p):
@@ -96,11 +100,13 @@ def verdict_of(naming: Naming, facts: list[Fact], uneven: bool = False) -> Rulin
             p[joined], p[name] = p[name] * fact.probability, p[name] * (1.0 - fact.probability)
             # what is mended has the shift in it, as beside any other name
             physics[joined] = DELAY if name == NONE and name in delays else physics[name]
+            nats[joined] = nats[name] + math.log(fact.probability)
+            nats[name] += math.log1p(-fact.probability) if fact.probability < 1.0 else -math.inf
             if name in delays:
                 delays[joined] = delays[name]
     p = {k: v for k, v in p.items() if v > 0 or k in naming.probability}
     top = max(p, key=lambda k: p[k])
-    return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays)
+    return Ruling(NONE if p.get(NONE, 0.0) > FALSE_ALARMS else top, p, physics, delays, nats)
 
 
 def _joined(name: str, more: str) -> str:

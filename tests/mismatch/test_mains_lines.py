@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from concealed_campaigns import concealed, problem_of
 from scipy.signal import lfilter
 
-from bayes_dea.mismatch.readings.mains import mains_lines
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.readings.mains import mains_lines, mains_parameters
 
 SIGMA, RHO, HZ = 4.7e-6, 0.6, 50.0
 
@@ -34,3 +36,14 @@ def test_its_error_is_what_it_scatters_by_also_of_a_sensor_that_is_read_slowly(e
     assert np.mean([x.amplitude for x in lines]) == pytest.approx(5e-6, rel=0.02)
     # by the step of the rows the stated error would be 1.8 and 3.5 times as large at every = 3 and 8
     assert np.std([x.amplitude for x in lines]) == pytest.approx(lines[0].sd, rel=0.15)
+
+
+def test_amplitude_and_frequency_are_parameters_with_their_errors():
+    problem, prior, q = problem_of(concealed({"mains_pickup": {"mains_m": 3e-6, "mains_Hz": 50.03}}))
+    found = mains_parameters(refit(problem, q, prior.start(), prior))
+    assert set(found) == {"mains_m", "mains_Hz"}
+    for name, truth, largest in (("mains_m", 3e-6, 0.1e-6), ("mains_Hz", 50.03, 0.01)):
+        p = found[name]
+        assert 0.0 < p["sd"] < largest
+        assert abs(p["mean"] - truth) < 4.0 * p["sd"]
+        assert p["q05"] < p["q50"] < p["q95"]

@@ -1,5 +1,6 @@
 """What is claimed, given the probabilities."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,14 @@ def test_a_shift_of_readings_that_is_not_ruled_out_may_be_all_there_is(naming, m
 def test_mains_is_claimed_where_it_is_sure_to_exceed_a_step(naming):
     assert claimed(naming, {"none": 1.0}, [Fact("mains_pickup", 0.6, {})])[0] == "none"
     assert claimed(naming, {"none": 1.0}, [Fact("mains_pickup", 0.999, {})])[0] == "mains_pickup"
+
+
+def test_what_the_readings_show_counts_as_evidence_of_the_names(naming):
+    """So that evidences say what the probabilities do: of "none" what nothing speaks for beside mains."""
+    known = replace(naming, probability={"none": 1.0})
+    nats = verdict_of(known, [Fact("mains_pickup", 0.9, {})]).nats
+    assert math.exp(nats["mains_pickup"] - nats["none"]) == pytest.approx(9.0)
+    assert verdict_of(known, [Fact("mains_pickup", 1.0, {})]).nats["none"] == -math.inf
 
 
 def test_mains_on_readings_that_are_late_by_a_part_of_a_sample_are_mended_with_the_shift(naming, monkeypatch):

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
 from ...noise.line_amplitude import SeenLine, line_sd, probability_above
+
+#: standard errors from the middle of a normal distribution to its 95 % quantile
+Q95 = 1.6449
 
 
 def mains_frequency(pieces: tuple[Piece, ...]) -> float:
@@ -22,6 +28,11 @@ def mains_frequency(pieces: tuple[Piece, ...]) -> float:
 
 def mains_lines(fit: Fit) -> list[SeenLine]:
     """The strongest mains line in the residuals of every fitted displacement recording."""
+    return [line for line, _, _ in _lines(fit)]
+
+
+def _lines(fit: Fit) -> list[tuple[SeenLine, float, float]]:
+    """The same, each with its frequency (Hz) and the standard error of that."""
     pieces = fit.problem.pieces
     frequency = mains_frequency(pieces)
     if frequency <= 0:
@@ -33,17 +44,41 @@ def mains_lines(fit: Fit) -> list[SeenLine]:
         p = piece.prepared
         own = [line.frequency_Hz for line in p.mains.lines] if p.mains is not None else []
         near = [f for f in own if abs(f - frequency) < 0.02 * frequency]
-        phase = 2 * np.pi * (near[0] if near else frequency) * p.recording.time_s
+        own_Hz = near[0] if near else frequency
+        phase = 2 * np.pi * own_Hz * p.recording.time_s
         good = p.observed
         scaled = x / max(float(np.max(np.abs(x))), 1e-300)
         A = np.stack([scaled, np.ones(x.size), np.cos(phase), np.sin(phase)], axis=1)[good]
         c, *_ = np.linalg.lstsq(A, p.y[good], rcond=None)
         sigma, rho = fit.noise.of(piece)
         sd = line_sd(sigma, rho, frequency, p.reading_step_s, int(good.sum()))
-        out.append(SeenLine(float(np.hypot(c[2], c[3])), sd, bool(near)))
+        amplitude = float(np.hypot(c[2], c[3]))
+        # Cramer-Rao bound of a line's frequency in white noise (Rife and Boorstyn 1974, doi:10.1109/TIT.1974.1055282)
+        lasts = float(p.recording.time_s[-1] - p.recording.time_s[0])
+        error_Hz = math.sqrt(12.0) / (2.0 * math.pi * lasts) * sd / max(amplitude, 1e-300)
+        out.append((SeenLine(amplitude, sd, bool(near)), own_Hz, error_Hz))
     return out
 
 
 def mains_probability(fit: Fit, resolution_m: float) -> float:
     """Probability that mains on the displacement exceeds one resolution step."""
     return probability_above(mains_lines(fit), resolution_m)
+
+
+def mains_parameters(fit: Fit) -> dict[str, dict[str, Any]]:
+    """Amplitude and frequency of the line as parameters of diagnosis.json; its phase is another in every recording."""
+    found = [x for x in _lines(fit) if x[0].found]
+    if not found:
+        return {}
+    amplitude = _pooled(np.array([line.amplitude for line, _, _ in found]), np.array([line.sd for line, _, _ in found]))
+    frequency = _pooled(np.array([f for _, f, _ in found]), np.array([e for _, _, e in found]))
+    return {"mains_m": {**amplitude, "unit": "m"}, "mains_Hz": {**frequency, "unit": "Hz"}}
+
+
+def _pooled(values: np.ndarray, sd: np.ndarray) -> dict[str, float]:
+    """Weighted mean, with a standard error that knows what the values scatter by beyond their own."""
+    weight = sd**-2.0
+    mean = float(weight @ values / weight.sum())
+    beyond = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
+    error = math.sqrt(max(beyond, 1.0) / weight.sum())
+    return {"mean": mean, "sd": error, "q05": mean - Q95 * error, "q50": mean, "q95": mean + Q95 * error, "map": mean}
