@@ -89,6 +89,7 @@ def summarise(
     fitted = naming.weighed.get(physics[verdict], naming.best.weighed).fit.problem.model
     out: dict[str, Any] = {
         "model": model.name,
+        "campaign": campaign.name,
         "verdict": verdict,
         "confidence": confidence,
         "indistinguishable": members,

@@ -9,7 +9,6 @@ from ..assemble import Assembled
 from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
-from ..noise.mains import MainsLine
 from .search.hypotheses import MAINS, NONE, UNKNOWN, refused
 from .search.naming import Naming
 from .search.weigh import Weighed
@@ -57,10 +56,8 @@ def statement(
             )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
-        line = _mains(assembled)
         return (
-            f"Mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is picked "
-            f"up by the sensor; "
+            f"{_mains(summary, assembled).capitalize()} is picked up by the sensor; "
             f"beyond it nothing speaks against {summary['model']} ({confidence})."
         )
     if verdict == UNKNOWN:
@@ -88,9 +85,7 @@ def statement(
     parts = []
     for name in verdict.split("+"):
         if name == MAINS and MAINS not in effects:
-            line = _mains(assembled)
-            parts.append(f"mains at {line.frequency_Hz:.2f} Hz with an amplitude of {1e6 * line.amplitude:.2g} um is "
-                         "in the record")  # fmt: skip
+            parts.append(f"{_mains(summary, assembled)} is in the record")
         else:
             parts.append(registered_effects()[name].explain(values))
     text = "; and ".join(parts)
@@ -206,7 +201,13 @@ def silent_note(summary: dict[str, Any]) -> str:
     )
 
 
-def _mains(assembled: Assembled) -> MainsLine:
-    """The strongest line that a displacement shows: the verdict is about this one."""
-    seen = (p.mains for p in assembled.prepared if p.mains is not None and p.channel == "displacement")
-    return max((line for mains in seen for line in mains.lines), key=lambda line: line.amplitude)
+def _mains(summary: dict[str, Any], assembled: Assembled) -> str:
+    """Frequency and amplitude of mains, as the verdict's parameters have them; else of the strongest line there is."""
+    told = next(h for h in summary["hypotheses"] if h["name"] == summary["verdict"])["parameters"]
+    if "mains_m" in told:
+        frequency, amplitude = (told[n]["mean"] for n in ("mains_Hz", "mains_m"))
+    else:
+        seen = (p.mains for p in assembled.prepared if p.mains is not None and p.channel == "displacement")
+        line = max((line for mains in seen for line in mains.lines), key=lambda line: line.amplitude)
+        frequency, amplitude = line.frequency_Hz, line.amplitude
+    return f"mains at {frequency:.2f} Hz with an amplitude of {1e6 * amplitude:.2g} um"

@@ -77,6 +77,7 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
         hypotheses=_rows(summary),
         command=shlex.join(summary.get("command", [])) or None,
         held=_held_rows(summary),
+        mended=_mended(summary),
         by=_by_rows(summary),
         conventions=convention_rows(summary),
     )
@@ -236,7 +237,7 @@ def _residuals(summary: dict[str, Any], data: dict[str, Array], i: int) -> Pictu
         for a in (top, ax):
             a.axvspan(w["t_start_s"], end, color=ORANGE, alpha=0.3, linewidth=0)
     ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="model as given")
-    if summary["verdict"] != "none":
+    if summary["verdict"] != "none" and not np.array_equal(before, after, equal_nan=True):
         ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="corrected")
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.set_ylabel(f"measured − model\n({unit})")
@@ -320,6 +321,14 @@ def _harmonic_map(data: dict[str, Array]) -> Picture | None:
     )
 
 
+def _mended(summary: dict[str, Any]) -> bool:
+    """Whether what is scored is another model than the one given: "none" mends nothing, nor does mains, which every
+    model has in its noise."""
+    held = summary["proof"]["held_out"]
+    changed = (h.get(f"rmse_before_{u}") != h.get(f"rmse_after_{u}") for h in held for u in ("m", "N"))
+    return summary["verdict"] != "none" and any(changed)
+
+
 def _proof(summary: dict[str, Any]) -> Picture | None:
     rows = [h for h in summary["proof"]["held_out"] if "rmse_before_m" in h]
     if not rows:
@@ -330,9 +339,11 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     before, after, noise = (
         1e6 * np.array([h[f"{k}_m"] for h in rows], dtype=float) for k in ("rmse_before", "rmse_after", "noise")
     )
-    ax.hlines(y, after, before, color=GREY, linewidth=2)
-    ax.plot(before, y, "o", color=VERMILLION, label="before")
-    ax.plot(after, y, "s", color=BLUE, label="after")
+    mended = _mended(summary)
+    ax.plot(before, y, "o", color=VERMILLION, label="before" if mended else "model as given")
+    if mended:
+        ax.hlines(y, after, before, color=GREY, linewidth=2, zorder=1)
+        ax.plot(after, y, "s", color=BLUE, label="after")
     ax.plot(noise, y, "|", color=BLACK, markersize=11, label="noise floor")
     ax.set_yticks(y, [_short(h["recording"]) for h in rows])
     ax.set_xlim(0, 1.1 * float(max(np.nanmax(before), noise.max())))
@@ -342,9 +353,9 @@ def _proof(summary: dict[str, Any]) -> Picture | None:
     figure.tight_layout()
     return picture(
         figure,
-        "Recordings that no fit has seen: error (RMSE after the recording's own offset and gain) of the model as given "
-        "and of the corrected one. A repair that is true brings the squares to the noise.",
-        "errors before and after",
+        "Recordings that no fit has seen: error (RMSE after the recording's own offset and gain) of the model as given"
+        + (" and of the corrected one. A repair that is true brings the squares to the noise." if mended else "."),
+        "errors before and after" if mended else "errors",
     )
 
 
@@ -355,8 +366,9 @@ def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | 
     scale, unit = (1e3, "mN") if bool(data["worst_force"]) else (1e6, "µm")
     figure = new_figure(2.4)
     ax = figure.add_subplot()
-    ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="before")
-    if summary["verdict"] != "none":
+    mended = _mended(summary)
+    ax.plot(t, scale * before, color=VERMILLION, linewidth=0.7, label="before" if mended else "model as given")
+    if mended:
         ax.plot(t, scale * after, color=BLUE, linewidth=0.7, label="after")
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.set_xlabel("time (s)")
@@ -367,6 +379,6 @@ def _before_after(summary: dict[str, Any], data: dict[str, Array]) -> Picture | 
     return picture(
         figure,
         f"{name}, the held-out recording that the model as given missed most"
-        + (", before and after the repair." if summary["verdict"] != "none" else "."),
+        + (", before and after the repair." if mended else "."),
         "residuals before and after",
     )
