@@ -217,7 +217,7 @@ def _once(
         if how != "validate" and not in_turn:
             summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
-        if ruling.verdict == UNKNOWN:
+        if ruling.verdict == UNKNOWN and found.scale is None:
             summary["warnings"] += too_few_for_an_odd_one(base)
         unweighed = unweighed_note(base.problem.model, naming.skipped)
         if unweighed is not None:

@@ -8,6 +8,7 @@ from typing import Any
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
 from .readings.own_gains import Gains, gains_of
+from .readings.scales import OddScale, odd_scale
 from .readings.seen import Seen
 from .readings.swinging import Swinging, swinging
 from .readings.uneven import Uneven, uneven_scatter
@@ -37,13 +38,14 @@ class Judged:
     uneven: Uneven | None  # recordings scatter unlike each other at rest
     swings: Swinging | None
     gains: Gains | None
+    scale: OddScale | None  # of voltage and mechanical recordings, where nothing on the list explains them
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
     terms: Terms | None  # beside its best partial explanation
 
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
-        out = [found.note() for found in (self.uneven, self.swings, self.gains) if found is not None]
+        out = [found.note() for found in (self.scale, self.uneven, self.swings, self.gains) if found is not None]
         best = self.explanation
         # a verdict with one effect more than the best explanation claims just what that leaves
         claimed = verdict != UNKNOWN and self.ruling.named in (NONE, best.weighed.name)
@@ -71,8 +73,9 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    mended, terms = None, None
+    mended, terms, scale = None, None, None
     if ruling.verdict == UNKNOWN:
+        scale = odd_scale(base, ready.prior)
         # where the best explanation leaves nothing, it is this that no physics explains
         strangest = (swings or gains) if best.adequate else None
         if strangest is None:
@@ -98,6 +101,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         uneven=uneven,
         swings=swings,
         gains=gains,
+        scale=scale,
         mended=mended,
         terms=terms,
     )
