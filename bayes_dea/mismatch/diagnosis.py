@@ -26,7 +26,7 @@ from .held_gains import held_gains
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
-from .prove import HeldOut, held_out, proof, unanswered, with_noise_at_rest, without_validation
+from .prove import HeldOut, held_out, proof, unanswered, untaught, with_noise_at_rest, without_validation
 from .readings.clipped import beyond_reach, restored
 from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .readings.seen import Seen
@@ -199,7 +199,7 @@ def _once(
     say("asking", 0, 1, "the next experiment")
     ask = _ask(found, stated_scatter(ready.campaign), lambda *at: say("asking", *at))
     lap("ask")
-    notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *found.notes()]
+    notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *untaught(proved), *found.notes()]
     foreign: list[Foreign] = []
     if ruling.verdict != UNKNOWN and found.gains is None:
         held = tuple(p for p in scored if not p.identify)

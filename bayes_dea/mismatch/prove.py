@@ -54,6 +54,7 @@ class HeldOut:
     after: Array
     time_s: Array
     behind_missing: NDArray[np.int64]  # blocks before which readings are missing for long
+    untold: tuple[str, ...] = ()  # parameters of what was mended that no recording but this one tells
 
 
 def proof(
@@ -80,6 +81,8 @@ def leave_out_in_turn(
     """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
     out = []
     used = base.problem.pieces
+    own = own_index(base, corrected.problem.model)
+    never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
     asked = [p for p in used if not names or p.name in names]
     for k, piece in enumerate(asked):
         tell(k, len(asked), piece.name)
@@ -95,26 +98,28 @@ def leave_out_in_turn(
         if fits[0] is None or fits[1] is None:  # without it there is no fit that could predict it
             continue
         before = _predictive(fits[0], piece, np.empty(0, dtype=np.int64))
-        after = _predictive(fits[1], piece, own_index(base, corrected.problem.model))
+        after = _predictive(fits[1], piece, own)
+        # what no recording tells is missed nowhere
+        after = replace(after, untold=tuple(n for n in after.untold if n not in never))
         out.append(_compared(piece, before, after, fits[1]))
     return out
 
 
 @dataclass(frozen=True)
 class _Predicted:
-    """residual (n,) of a recording under a fit, its own offset and gain taken out, and its log density."""
+    """residual (n,) of a recording under a fit, its own offset and gain taken out, and its log density. untold:
+    parameters that had to be taken from their priors."""
 
     residual: Array
     log_density: float
+    untold: tuple[str, ...] = ()
 
 
 def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
     """A recording that `fit` has not seen, over what is known of the parameters without it. own: those of effects."""
     opened_fit, opened = with_zeros(fit, (piece,))
     problem, q = replace(opened_fit.problem, pieces=opened), opened_fit.q
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[own], 0.0))
-    prior_sd = np.array([problem.model.priors.free[i].prior.coordinate_sd() for i in own])
-    untold = own[sd > _UNTOLD * prior_sd]
+    untold = _untold(fit, own)
     (clean,) = problem.clean(q)
     d = problem.model.dimension
     told = np.setdiff1d(np.arange(d), untold)
@@ -137,8 +142,16 @@ def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
         return _Predicted(np.full(piece.prepared.y.shape, np.nan), -math.inf)
     shares = np.exp(np.array(kept) - logsumexp(kept))
     residual = own_offset_and_gain(piece, np.asarray(shares @ np.array(rows)))
+    names = tuple(problem.model.priors.free[i].name for i in untold)
     # a draw without an answer there has no density
-    return _Predicted(residual, float(logsumexp(densities) - logsumexp(weights)))
+    return _Predicted(residual, float(logsumexp(densities) - logsumexp(weights)), names)
+
+
+def _untold(fit: Fit, own: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of some coordinates of the model that the recordings of a fit tell nothing of."""
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance)[own], 0.0))
+    prior_sd = np.array([fit.problem.model.priors.free[i].prior.coordinate_sd() for i in own])
+    return own[sd > _UNTOLD * prior_sd]
 
 
 def _draws(fit: Fit, q: Array, untold: NDArray[np.int64]) -> tuple[list[Array], Array]:
@@ -211,6 +224,7 @@ def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> 
         block_means(np.where(masked, 0.0, after.residual), piece.blocks, masked),
         piece.blocks.time_s,
         piece.blocks.behind_missing(),
+        after.untold,
     )
 
 
@@ -242,6 +256,15 @@ def unanswered(proof: list[HeldOut], model: str) -> list[str]:
         f"{model} has no answer on {', '.join(names)}, recordings it was not fitted to: the correction cannot be right "
         "there; fit a recording as high in voltage or load as these"
     ]
+
+
+def untaught(proof: list[HeldOut]) -> list[str]:
+    """Warnings of recordings that alone tell what was mended: nothing else can predict them."""
+    return [
+        f"{h.recording}: no other recording tells {', '.join(h.untold)}, so that with it left out the mended model had "
+        "its prior to go by, and the error on it is no proof; record a second one like it"
+        for h in proof if h.untold
+    ]  # fmt: skip
 
 
 def without_validation(proof: list[HeldOut]) -> str:

@@ -6,7 +6,7 @@ from concealed_campaigns import concealed
 
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.prove import held_out, leave_out_in_turn
+from bayes_dea.mismatch.prove import held_out, leave_out_in_turn, untaught
 
 
 @pytest.mark.long
@@ -22,6 +22,11 @@ def test_what_one_recording_alone_says_is_no_proof_on_it():
     # the base is bent by that recording, and better without it
     assert all(g > 0.0 for name, g in gain.items() if name != "creep_1200V.csv")
     assert np.isfinite(list(gain.values())).all()
+    # and it is said of that one alone
+    assert {r.recording: r.untold for r in rows if r.untold} == {"creep_1200V.csv": ("V_max_V",)}
+    (note,) = untaught(rows)
+    assert note.startswith("creep_1200V.csv: no other recording tells V_max_V")
+    assert note in result.summary["warnings"]
 
 
 @pytest.mark.long
@@ -33,3 +38,4 @@ def test_what_the_others_say_as_well_is_proved():
     for row in rows:
         assert row.elpd_after == pytest.approx(seen[row.recording].elpd_after, abs=12.0)
         assert row.rmse_after == pytest.approx(seen[row.recording].rmse_after, rel=5e-3)
+        assert row.untold == ()
