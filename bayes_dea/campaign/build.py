@@ -25,6 +25,12 @@ from bayes_dea.campaign.unused import unused_warnings
 from bayes_dea.campaign.vocabulary import COLUMNS
 from bayes_dea.errors import InputError
 
+#: warning of a campaign with nothing to check predictions on
+NO_VALIDATION = (
+    'No recording has role = "validate": predictions cannot be checked on recordings that no fit has seen. Set aside '
+    "one or two."
+)
+
 
 def recording_from_arrays(name: str, kind: str, columns: Mapping[str, ArrayLike], role: str = "identify",
                           actuator: Actuator | None = None, *, specimen: str = "A", hold: str = "end",
@@ -107,8 +113,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     if used["memory"] == "continued":
         collected += _not_continued(found)
     if not any(r.role == "validate" for r in found) and len(found) > 1:
-        collected.append('No recording has role = "validate": predictions cannot be checked on recordings '
-                         'that no fit has seen. Set aside one or two.')
+        collected.append(NO_VALIDATION)
     return Campaign(
         name=name, folders=tuple(folders), actuator=actuator or found[0].actuator,
         sensors=MappingProxyType(dict(sensors or {})), recordings=found,

@@ -33,6 +33,8 @@ _LOOKED_AT, _OF_A_WAVE = 200_000, 0.2
 _CROSSINGS = 6
 #: faster than this an actuator may swing against its drive (resonance), and a sign says nothing
 _SLOW_HZ = 5.0
+#: share of the voltage that an actuator takes from which on it is driven
+_DRIVES = 0.02
 #: time constants with which the answer may lag behind the drive when its sign is judged, in s
 _SIGN_LAGS_S = (0.0, 0.03, 0.3, 3.0, 30.0)
 #: an answer that is the mirror image of the drive correlates with it by more than this, drifts and noise by less
@@ -182,9 +184,13 @@ def _voltage(r: Recording, problems: list[str], warnings: list[str], where: Call
         warnings.append(f"{r.name}, {where(at)}: voltage_V reaches {largest:g} V, a little beyond "
                         f"max_voltage_V = {limit:g}.")
     elif 0.0 < largest < 5.0 and limit >= 500.0 and _structured(r.columns["voltage_V"]):
-        problems.append(f"{r.name}: voltage_V reaches only {largest:g} V, while the actuator takes {limit:g} "
-                        "V. If the column is in kV, say so: columns.voltage_V = { name = "
-                        '"voltage_V", unit = "kV" } in its [format].')
+        remedy = ("Is it the column of another channel? Check the header, or say in its [format] which column "
+                  "holds the voltage.")
+        if 1e3 * largest > _DRIVES * limit:
+            remedy = ('If the column is in kV, say so: columns.voltage_V = { name = "voltage_V", unit = "kV" } in its '
+                      "[format].")
+        problems.append(f"{r.name}: voltage_V reaches only {largest:g} V, while the actuator takes {limit:g} V. "
+                        f"{remedy}")
 
 
 def maxwell_stroke(a: Actuator, squared_volts: float) -> float | None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from ..assemble import Assembled
+from ..campaign.build import NO_VALIDATION
 from ..campaign.schema import Campaign
 from ..find_map import MapSettings
 from ..gauss_newton.journal import Journal
@@ -215,6 +216,8 @@ def _once(
         """All of it in words and numbers; without draws the posterior is Laplace's."""
         summary = summarise(assembled, found, proved, how, ask, seed, campaign, model, drawn, seen.shown, mended)
         if how != "validate" and not in_turn:
+            # says what was done about it, too
+            summary["warnings"] = [w for w in summary["warnings"] if w != NO_VALIDATION]
             summary["warnings"].append(without_validation(proved))
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
         if ruling.verdict == UNKNOWN and found.scale is None:

@@ -271,7 +271,9 @@ def without_validation(proof: list[HeldOut]) -> str:
     """Warning of a campaign without recordings to validate."""
     if not proof:
         return "there is one recording only: nothing is left to prove the verdict on; record a second one"
-    return 'no recording has role "validate": the proof was made by leaving out recordings in turn'
+    return (
+        'no recording has role "validate": the proof was made by leaving out recordings in turn; set aside one or two'
+    )
 
 
 def _cut(piece: Piece, x: Array, means: Array, limit_m: float) -> Array:

@@ -181,6 +181,8 @@ def test_units_off_by_a_power_of_ten(folder, data, as_csv):
         return as_csv({k: v * factors.get(k, 1.0) for k, v in columns.items()})
 
     bad(folder, scaled(voltage_V=1e-3), r'voltage_V reaches only 1 V.*unit = "kV"')
+    # a displacement under the name of the voltage
+    bad(folder, scaled(voltage_V=2.5e-7), r"voltage_V reaches only 0.00025 V.*the column of another channel\?")
     bad(folder, scaled(voltage_V=1e3), r"row 22: voltage_V reaches 1e\+06 V, beyond max_voltage_V = 1200")
     bad(folder, scaled(displacement_m=1e3), r'more than the height of the stack.*unit = "mm"')
     bad(folder, scaled(displacement_m=1e6), "more than the height of the stack")
