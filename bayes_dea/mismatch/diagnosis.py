@@ -56,6 +56,10 @@ class DiagnosisSettings:
     most_effects: int = 3
 
 
+#: of a recording of another actuator, where others are left to prove a verdict on
+_TOLD_WITHOUT_IT = "The error on recordings that no fit has seen is told without it"
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """A verdict with everything behind it; `summary` is diagnosis.json."""
@@ -206,9 +210,9 @@ def _once(
         held = tuple(p for p in scored if not p.identify)
         held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
         foreign = held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
-        notes += [f.note() for f in foreign]
-        away = {f.recording for f in foreign}
-        proved = [h for h in proved if h.recording not in away] or proved
+        rest = [h for h in proved if h.recording not in {f.recording for f in foreign}]
+        notes += [f"{f.note()}. {_TOLD_WITHOUT_IT}" if rest else f.note() for f in foreign]
+        proved = rest or proved
     assembled = ready.assembled
     assembled = replace(assembled, warnings=(*notes, *assembled.warnings, *seen.warnings.values()))
 

@@ -56,8 +56,9 @@ def statement(
             )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
+        line = _mains(summary, assembled)
         return (
-            f"{_mains(summary, assembled).capitalize()} is picked up by the sensor; "
+            f"{line[0].upper()}{line[1:]} is picked up by the sensor; "
             f"beyond it nothing speaks against {summary['model']} ({confidence})."
         )
     if verdict == UNKNOWN:

@@ -72,7 +72,9 @@ class Course:
         if self.stamps is None:
             return on_ticks
         by_stamps = bend(self.volts, self.stamps)
-        return by_stamps if np.median(by_stamps) < np.median(on_ticks) else on_ticks
+        moves = on_ticks > 0.0
+        less = moves.any() and np.median(by_stamps[moves]) < np.median(on_ticks[moves])
+        return by_stamps if less else on_ticks
 
     def at_rows(self) -> Array:
         """The command (n,) that acts until each row."""

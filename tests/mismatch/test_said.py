@@ -12,7 +12,7 @@ from bayes_dea.mismatch.go_on import calibrate_command
 from bayes_dea.mismatch.judge import Judged
 from bayes_dea.mismatch.store import terminal_summary
 from bayes_dea.mismatch.verdict import Ruling
-from bayes_dea.mismatch.words import sentence
+from bayes_dea.mismatch.words import sentence, statement
 
 _NUMBER = {"mean": 0.02512, "sd": 0.0098}
 
@@ -128,3 +128,13 @@ def test_what_is_claimed_is_not_said_to_be_too_small_to_be_claimed(verdict, said
     ruling = Ruling(verdict, {verdict: 1.0}, {verdict: verdict}, {})
     notes = Judged(**{**found, "ruling": ruling, "explanation": best}).notes()
     assert any("thickness_feedback of 0.04 um" in n for n in notes) == said
+
+
+def test_mains_is_said_with_the_numbers_of_its_hypothesis(summary):
+    known = {"mains_m": {"mean": 3e-6}, "mains_Hz": {"mean": 50.03}}
+    said = statement(
+        {**summary, "verdict": "mains_pickup", "hypotheses": [{"name": "mains_pickup", "parameters": known}],
+         "proof": {"held_out": [], "elpd_gain": None}},
+        None, None, "none",
+    )  # fmt: skip
+    assert said.startswith("Mains at 50.03 Hz with an amplitude of 3 um is picked up by the sensor")

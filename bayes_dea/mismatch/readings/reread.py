@@ -243,7 +243,7 @@ class Foreign:
         return (
             f"{self.recording}: this recording does not belong to the actuator of the others: its displacement is "
             f"{self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect; check what it was recorded "
-            "on. The error on recordings never seen is told without it"
+            "on"
         )
 
 
