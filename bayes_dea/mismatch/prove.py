@@ -81,8 +81,6 @@ def leave_out_in_turn(
     """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
     out = []
     used = base.problem.pieces
-    own = own_index(base, corrected.problem.model)
-    never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
     asked = [p for p in used if not names or p.name in names]
     for k, piece in enumerate(asked):
         tell(k, len(asked), piece.name)
@@ -97,6 +95,8 @@ def leave_out_in_turn(
             fits.append(again)
         if fits[0] is None or fits[1] is None:  # without it there is no fit that could predict it
             continue
+        own = own_index(base, corrected.problem.model)
+        never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
         before = _predictive(fits[0], piece, np.empty(0, dtype=np.int64))
         after = _predictive(fits[1], piece, own)
         # what no recording tells is missed nowhere
