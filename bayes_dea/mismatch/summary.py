@@ -124,7 +124,7 @@ def summarise(
         whole = proof_summary(list(mended), how)
         out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR}
     out["next_command"] = calibrate_command(out, campaign_words(campaign))
-    out["statement"] = statement(out, naming, assembled, physics[verdict], judged.ruling.delays_s)
+    out["statement"] = statement(out, naming, physics[verdict], judged.ruling.delays_s)
     if silent(naming):
         note = silent_note(out)
         out["warnings"].insert(0, note)

@@ -10,7 +10,7 @@ from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
 from ..models.effects import registered_effects
 from .readings.clipped import Limit, expectations, lost_m
-from .readings.mains import mains_parameters, mains_probability
+from .readings.mains import mains_lines, mains_parameters, mains_probability
 from .search.hypotheses import DELAY, MAINS, NONE, UNKNOWN, prior_odds
 from .search.naming import Naming
 from .timing import as_timing
@@ -68,7 +68,8 @@ class Fact:
 
 
 def facts_of(fit: Fit, pieces: tuple[Piece, ...], limit: Limit | None, resolution: float) -> list[Fact]:
-    out = [Fact(MAINS, mains_probability(fit, resolution), mains_parameters(fit))]
+    lines = mains_lines(fit)
+    out = [Fact(MAINS, mains_probability(lines, resolution), mains_parameters(lines))]
     if limit is not None:
         lost = lost_m(expectations(fit, pieces, limit), pieces, limit, fit.noise)
         value, sd = limit.value_m, limit.sd_m

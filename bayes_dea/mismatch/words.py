@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..assemble import Assembled
 from ..experiments.words import recording_in_words
 from ..models.effects import registered_effects
 from ..models.effects.measured import Measured
@@ -19,7 +18,7 @@ _MOVES, _A_NAT = 0.005, 1.0
 
 
 def statement(
-    summary: dict[str, Any], naming: Naming, assembled: Assembled, physics: str,
+    summary: dict[str, Any], naming: Naming, physics: str,
     delays_s: Mapping[str, float] | None = None,
 ) -> str:
     """One or two sentences for a diagnosis.
@@ -56,7 +55,7 @@ def statement(
             )
         return f"The recordings give no reason to doubt {summary['model']} ({confidence})."
     if verdict == MAINS:
-        line = _mains(summary, assembled)
+        line = _mains(summary)
         return (
             f"{line[0].upper()}{line[1:]} is picked up by the sensor; "
             f"beyond it nothing speaks against {summary['model']} ({confidence})."
@@ -86,7 +85,7 @@ def statement(
     parts = []
     for name in verdict.split("+"):
         if name == MAINS and MAINS not in effects:
-            parts.append(f"{_mains(summary, assembled)} is in the record")
+            parts.append(f"{_mains(summary)} is in the record")
         else:
             parts.append(registered_effects()[name].explain(values))
     text = "; and ".join(parts)
@@ -202,13 +201,8 @@ def silent_note(summary: dict[str, Any]) -> str:
     )
 
 
-def _mains(summary: dict[str, Any], assembled: Assembled) -> str:
-    """Frequency and amplitude of mains, as the verdict's parameters have them; else of the strongest line there is."""
+def _mains(summary: dict[str, Any]) -> str:
+    """Frequency and amplitude of mains, as the parameters of the verdict have them."""
     told = next(h for h in summary["hypotheses"] if h["name"] == summary["verdict"])["parameters"]
-    if "mains_m" in told:
-        frequency, amplitude = (told[n]["mean"] for n in ("mains_Hz", "mains_m"))
-    else:
-        seen = (p.mains for p in assembled.prepared if p.mains is not None and p.channel == "displacement")
-        line = max((line for mains in seen for line in mains.lines), key=lambda line: line.amplitude)
-        frequency, amplitude = line.frequency_Hz, line.amplitude
+    frequency, amplitude = (told[n]["mean"] for n in ("mains_Hz", "mains_m"))
     return f"mains at {frequency:.2f} Hz with an amplitude of {1e6 * amplitude:.2g} um"

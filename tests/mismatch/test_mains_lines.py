@@ -40,7 +40,7 @@ def test_its_error_is_what_it_scatters_by_also_of_a_sensor_that_is_read_slowly(e
 
 def test_amplitude_and_frequency_are_parameters_with_their_errors():
     problem, prior, q = problem_of(concealed({"mains_pickup": {"mains_m": 3e-6, "mains_Hz": 50.03}}))
-    found = mains_parameters(refit(problem, q, prior.start(), prior))
+    found = mains_parameters(mains_lines(refit(problem, q, prior.start(), prior)))
     assert set(found) == {"mains_m", "mains_Hz"}
     for name, truth, largest in (("mains_m", 3e-6, 0.1e-6), ("mains_Hz", 50.03, 0.01)):
         p = found[name]

@@ -135,6 +135,6 @@ def test_mains_is_said_with_the_numbers_of_its_hypothesis(summary):
     said = statement(
         {**summary, "verdict": "mains_pickup", "hypotheses": [{"name": "mains_pickup", "parameters": known}],
          "proof": {"held_out": [], "elpd_gain": None}},
-        None, None, "none",
+        None, "none",
     )  # fmt: skip
     assert said.startswith("Mains at 50.03 Hz with an amplitude of 3 um is picked up by the sensor")

@@ -151,7 +151,7 @@ def test_one_that_is_far_larger_is_named_and_the_rest_proves_the_verdict(name):
     said = re.search(r"does not belong to the actuator of the others: its displacement is ([\d.]+)", note)
     assert float(said[1]) == pytest.approx(1.6, abs=0.01)
     assert [h["recording"] for h in s["proof"]["held_out"]] == sorted(kept - {name})
-    assert s["proof"]["rmse_after_m"] < 1.06 * s["proof"]["noise_m"]
+    assert s["proof"]["rmse_after_m"] < 1.05 * s["proof"]["noise_m"]
 
 
 @pytest.mark.long

@@ -78,7 +78,7 @@ def test_a_likelier_name_that_is_not_claimed_is_said(diagnosed):
     summary = {**result.summary, "verdict": "none", "confidence": 0.2, "warnings": [],
                "hypotheses": [{"name": "series_resistance", "probability": 0.8}, {"name": "none", "probability": 0.2}]}
     calm = replace(result.naming, none=replace(result.naming.none, scan=replace(result.naming.none.scan, p_value=0.4)))
-    text = statement(summary, calm, result.assembled, "none")
+    text = statement(summary, calm, "none")
     assert "No physics is claimed" in text
     assert "series_resistance explains the recordings better (probability 0.8)" in text
 

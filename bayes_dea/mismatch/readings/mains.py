@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -11,8 +14,13 @@ from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
 from ...noise.line_amplitude import SeenLine, line_sd, probability_above
 
-#: standard errors from the middle of a normal distribution to its 95 % quantile
-Q95 = 1.6449
+
+@dataclass(frozen=True)
+class MainsSeen(SeenLine):
+    """A line of mains with its frequency, and the standard error of that."""
+
+    frequency_Hz: float
+    frequency_se_Hz: float
 
 
 def mains_frequency(pieces: tuple[Piece, ...]) -> float:
@@ -26,13 +34,8 @@ def mains_frequency(pieces: tuple[Piece, ...]) -> float:
     return max(found, key=lambda line: line.amplitude).frequency_Hz if found else 0.0
 
 
-def mains_lines(fit: Fit) -> list[SeenLine]:
+def mains_lines(fit: Fit) -> list[MainsSeen]:
     """The strongest mains line in the residuals of every fitted displacement recording."""
-    return [line for line, _, _ in _lines(fit)]
-
-
-def _lines(fit: Fit) -> list[tuple[SeenLine, float, float]]:
-    """The same, each with its frequency (Hz) and the standard error of that."""
     pieces = fit.problem.pieces
     frequency = mains_frequency(pieces)
     if frequency <= 0:
@@ -56,22 +59,22 @@ def _lines(fit: Fit) -> list[tuple[SeenLine, float, float]]:
         # Cramer-Rao bound of a line's frequency in white noise (Rife and Boorstyn 1974, doi:10.1109/TIT.1974.1055282)
         lasts = float(p.recording.time_s[-1] - p.recording.time_s[0])
         error_Hz = math.sqrt(12.0) / (2.0 * math.pi * lasts) * sd / max(amplitude, 1e-300)
-        out.append((SeenLine(amplitude, sd, bool(near)), own_Hz, error_Hz))
+        out.append(MainsSeen(amplitude, sd, bool(near), own_Hz, error_Hz))
     return out
 
 
-def mains_probability(fit: Fit, resolution_m: float) -> float:
+def mains_probability(lines: Sequence[MainsSeen], resolution_m: float) -> float:
     """Probability that mains on the displacement exceeds one resolution step."""
-    return probability_above(mains_lines(fit), resolution_m)
+    return probability_above(list(lines), resolution_m)
 
 
-def mains_parameters(fit: Fit) -> dict[str, dict[str, Any]]:
+def mains_parameters(lines: Sequence[MainsSeen]) -> dict[str, dict[str, Any]]:
     """Amplitude and frequency of the line as parameters of diagnosis.json; its phase is another in every recording."""
-    found = [x for x in _lines(fit) if x[0].found]
+    found = [x for x in lines if x.found]
     if not found:
         return {}
-    amplitude = _pooled(np.array([line.amplitude for line, _, _ in found]), np.array([line.sd for line, _, _ in found]))
-    frequency = _pooled(np.array([f for _, f, _ in found]), np.array([e for _, _, e in found]))
+    amplitude = _pooled(np.array([x.amplitude for x in found]), np.array([x.sd for x in found]))
+    frequency = _pooled(np.array([x.frequency_Hz for x in found]), np.array([x.frequency_se_Hz for x in found]))
     return {"mains_m": {**amplitude, "unit": "m"}, "mains_Hz": {**frequency, "unit": "Hz"}}
 
 
@@ -81,4 +84,5 @@ def _pooled(values: np.ndarray, sd: np.ndarray) -> dict[str, float]:
     mean = float(weight @ values / weight.sum())
     beyond = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
     error = math.sqrt(max(beyond, 1.0) / weight.sum())
-    return {"mean": mean, "sd": error, "q05": mean - Q95 * error, "q50": mean, "q95": mean + Q95 * error, "map": mean}
+    low, high = (NormalDist(mean, error).inv_cdf(p) for p in (0.05, 0.95))
+    return {"mean": mean, "sd": error, "q05": low, "q50": mean, "q95": high, "map": mean}
