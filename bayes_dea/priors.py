@@ -398,6 +398,12 @@ def prior_folder() -> Path:
     return checkout if checkout.is_dir() else Path(sys.prefix) / "share" / "bayes-dea" / "priors"
 
 
+def hint(word: str, known: Sequence[str]) -> str:
+    """The end of a sentence about an unknown word: the known one that is nearest, where one is near."""
+    near = difflib.get_close_matches(word, known, 1)
+    return f"; did you mean {near[0]}?" if near else "."
+
+
 def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Parameter:
     """One ``[parameters.NAME]`` table to a Parameter; InputError names `where` and what is missing."""
     if not isinstance(table, Mapping):
@@ -409,9 +415,7 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
     known = ("prior", *FAMILIES[family], *_REQUIRED, *_OPTIONAL, "signed")
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else "."
-            raise InputError(f"{where}: [parameters.{name}] {key} is unknown{hint} A {family} prior takes "
+            raise InputError(f"{where}: [parameters.{name}] {key} is unknown{hint(key, known)} A {family} prior takes "
                              f"{', '.join(known)}")
     numbers = []
     for key in FAMILIES[family]:
@@ -521,9 +525,8 @@ def apply_overrides(
     known = [p.name for p in parameters]
     for name in overrides:
         if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {near[0]}?" if near else "."
-            raise InputError(f"prior for '{name}': this model has no such parameter{hint} It has {', '.join(known)}.")
+            raise InputError(f"prior for '{name}': this model has no such parameter{hint(name, known)} It has "
+                             f"{', '.join(known)}.")
     out = []
     for p in parameters:
         o = overrides.get(p.name)

@@ -16,7 +16,7 @@ from ..campaign.schema import Campaign
 from ..errors import InputError
 from ..likelihood.remembering import forget
 from ..models.model import Model, build_model
-from ..priors import Parameter, Prior
+from ..priors import Parameter, Prior, hint
 from ..run_state import Checkpoints, checkpoint_for
 from .align import aligned
 from .anneal import QUICK
@@ -172,7 +172,8 @@ def built_models(
     lost = [k for k in given if k not in used]
     if lost:
         every = sorted({p.name for m in out.values() for p in m.parameters})
-        raise InputError(f"prior for '{lost[0]}': none of the models has it; they have {', '.join(every)}")
+        raise InputError(f"prior for '{lost[0]}': none of the models has it{hint(lost[0], every)} They have "
+                         f"{', '.join(every)}.")
     return out
 
 

@@ -152,7 +152,7 @@ def test_priors_reach_the_models_that_have_them(voltage_campaign):
     prior = Prior("lognormal", 9.0, 0.1)
     built = built_models(["hooke", "hooke+gm1"], {"tau_1_s": prior})
     assert next(p for p in built["hooke+gm1"].parameters if p.name == "tau_1_s").prior == prior
-    with pytest.raises(InputError, match="none of the models has it"):
+    with pytest.raises(InputError, match=r"none of the models has it; did you mean tau_1_s\? They have Y"):
         built_models(["hooke", "hooke+gm1"], {"tau_7_s": prior})
 
 

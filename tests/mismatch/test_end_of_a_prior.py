@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.errors import InputError
 from bayes_dea.gauss_newton.refit import refit
-from bayes_dea.mismatch.search.hypotheses import extended
+from bayes_dea.mismatch.search.hypotheses import extended, parted
 from bayes_dea.mismatch.search.relabel import within
 from bayes_dea.mismatch.search.weigh import Weighed
 from bayes_dea.mismatch.words import _at_its_end
@@ -63,7 +64,6 @@ def test_beyond_its_prior_an_effect_is_not_nothing():
 @pytest.mark.long
 def test_a_prior_of_an_effect_that_may_be_added_is_taken(tmp_path):
     """60 ms of delay are beyond the usual 50; the statement says how to ask for more, and that has to work."""
-    from bayes_dea.errors import InputError
     from bayes_dea.mismatch.diagnosis import diagnose
     from bayes_dea.priors import Prior
 
@@ -73,5 +73,13 @@ def test_a_prior_of_an_effect_that_may_be_added_is_taken(tmp_path):
     assert more["hypotheses"][0]["parameters"]["T_d_s"]["mean"] == pytest.approx(0.06, abs=1e-3)
     assert more["corrected_priors"] == {"T_d_s": "uniform(0, 0.2)"}
     assert "60.0" in more["statement"]
-    with pytest.raises(InputError, match="no such parameter"):
-        diagnose(campaign, "hooke+gm3", priors={"T_q_s": Prior("uniform", 0.0, 0.2)})
+
+
+def test_a_prior_of_no_parameter_names_the_near_one_of_the_effects():
+    """Refused at once; effects that may be added have parameters too."""
+    flat = Prior("uniform", 0.0, 0.2)
+    with pytest.raises(InputError, match=r"'T_q_s': neither hooke\+gm3 nor an effect .*; did you mean T_d_s\? The mod"):
+        parted("hooke+gm3", {"T_q_s": flat})
+    with pytest.raises(InputError, match="did you mean tau_1_s"):
+        parted("hooke+gm3", {"tau1_s": flat})
+    assert parted("hooke+gm3", {"tau_1_s": flat, "T_d_s": flat}) == ({"tau_1_s": flat}, {"T_d_s": flat})

@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...models.effects import registered_effects
 from ...models.model import Model, build_model
 from ...models.spec import parse_spec
-from ...priors import Parameter, Prior, apply_overrides, prior_folder
+from ...priors import Parameter, Prior, apply_overrides, hint, prior_folder
 
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
 #: how the reason begins why an effect is not weighed that a structure has no place for
@@ -129,16 +129,22 @@ def parted(
 ) -> tuple[dict[str, Parameter | Prior], dict[str, Parameter | Prior]]:
     """Priors of a SPEC's own parameters, and those of effects that may be added to it.
 
-    What neither has stays with the first, where it is refused by its name. Raises InputError for a prior that an
-    effect's parameter cannot have.
+    Raises InputError for a prior of a parameter that neither has, or that an effect's parameter cannot have.
     """
-    known = {p.name for p in build_model(model).parameters}
+    known = [p.name for p in build_model(model).parameters]
+    added: list[str] = []
     further: dict[str, Parameter | Prior] = {}
     for effect in registered_effects().values():
         own = {p.name: priors[p.name] for p in effect.parameters if p.name in priors and p.name not in known}
         apply_overrides(effect.parameters, own)
         further |= own
-    return {name: prior for name, prior in priors.items() if name not in further}, further
+        added += [p.name for p in effect.parameters if p.name not in known]
+    for name in priors:
+        if name not in known and name not in further:
+            raise InputError(f"prior for '{name}': neither {model} nor an effect that may be added has such a "
+                             f"parameter{hint(name, known + added)} The model has {', '.join(known)}; the effects "
+                             f"{', '.join(sorted(set(added)))}.")
+    return {name: prior for name, prior in priors.items() if name in known}, further
 
 
 def extended(base: Model, effects: Sequence[str], overrides: Mapping[str, object]) -> Model | None:
