@@ -14,6 +14,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import typer
 
 import bayes_dea as bd
 from bayes_dea import cli
@@ -56,6 +57,17 @@ def test_the_examples_name_options_that_exist(monkeypatch, capsys):
         table, example = text.split("Example:")
         for option in re.findall(r"--\w+", example):
             assert option in table
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_no_word_of_a_help_text_is_taken_for_markup(verb):
+    """What stands in brackets is a style to the help, and would be missing from it."""
+    app = typer.Typer()
+    app.command()(cli.VERBS[verb][0])
+    command = typer.main.get_command(app)
+    texts = [p.help for p in command.params if getattr(p, "help", None)]
+    assert len(texts) > 1
+    assert not [text for text in [command.help, *texts] if re.search(r"\[/?[a-z]", text)]
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -47,7 +47,7 @@ def calibrate(
     data_root: DataRootOption = None,
     memory: MemoryOption = MEMORY_MB,
     scratch: ScratchOption = None,
-    walkers: Annotated[int, count(help="Walkers of each ensemble.", min=8)] = 32,
+    walkers: Annotated[int, count(help="Walkers of each ensemble; three a parameter at least.", min=8)] = 32,
     max_steps: Annotated[int, count(help="Steps after which sampling stops, converged or not.", min=200)] = 20_000,
     max_seconds: Annotated[float | None, seconds(help="The same in seconds of sampling.", min=0.0)] = None,
     checkpoint_seconds: Annotated[float, seconds(help="Sampling that an interrupted run may lose.", min=0.0)] = 10.0,

@@ -55,8 +55,9 @@ def live(
     zero: Annotated[bool, typer.Option("--zero", help="Set the sensor to zero first; the actuator rests.")] = False,
     start: Annotated[Path | None, typer.Option("--from", metavar="DIR", help="Begin with the posterior in DIR instead "
                                                "of the prior.")] = None,
-    device: Annotated[Path | None, typer.Option(metavar="FILE", help="TOML file with a [device] table, for a device of "
-                                                "another make.")] = None,
+    # no brackets: the help takes them for markup
+    device: Annotated[Path | None, typer.Option(metavar="FILE", help="TOML file with a table named device, for a "
+                                                "device of another make.")] = None,
     baud: Annotated[int, count(help="Baud rate of a serial port.", min=50)] = 460_800,
     block: Annotated[float, seconds(help="Length of a block; each is one update.", min=0.05)] = 0.5,
     particles: Annotated[int, count(help="Draws that carry the posterior.", min=200)] = 2000,
