@@ -82,6 +82,8 @@ def leave_out_in_turn(
     out = []
     used = base.problem.pieces
     asked = [p for p in used if not names or p.name in names]
+    own = own_index(base, corrected.problem.model)
+    never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
     for k, piece in enumerate(asked):
         tell(k, len(asked), piece.name)
         left = [i for i, p in enumerate(used) if p is not piece]
@@ -95,8 +97,6 @@ def leave_out_in_turn(
             fits.append(again)
         if fits[0] is None or fits[1] is None:  # without it there is no fit that could predict it
             continue
-        own = own_index(base, corrected.problem.model)
-        never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
         before = _predictive(fits[0], piece, np.empty(0, dtype=np.int64))
         after = _predictive(fits[1], piece, own)
         # what no recording tells is missed nowhere
