@@ -50,12 +50,13 @@ def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     late_s = case.plan.faults.displacement_late_s
     names = [*case.truth.split("+"), *_timing(case)]
     known = {**case.parameters, **({"T_d_s": late_s} if late_s else {})}
-    # a law that stands still unless asked for (a leak that the field activates) acts where the truth has it
+    # a law that stands still unless asked for (a leak that the field activates) acts where the truth has it, one of
+    # negative values (readings that lead, a material that shrinks) where that is negative
     laws = {
         parameter: prior
         for n in names
         for parameter, prior in VARIANTS.get(n, {}).items()
-        if known.get(parameter) and (parameter != "T_d_s" or late_s < 0.0)
+        if known.get(parameter) and (prior.b > 0.0 or known[parameter] < 0.0)
     }
     counts = {COUNTED[n]: Prior("fixed", case.parameters["elements"]) for n in names if n in COUNTED}
     model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws, **counts})
