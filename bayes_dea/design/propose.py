@@ -14,7 +14,7 @@ from .. import __version__
 from ..campaign.schema import MECHANICAL_KINDS, VOLTAGE_KINDS, Campaign
 from ..errors import InputError
 from ..experiments.costs import Costs
-from ..experiments.limits import Limits, limits_of, offered_of
+from ..experiments.limits import Limits, limits_of, offered_of, refuse_unreal
 from ..experiments.menu import menu
 from ..models.model import build_model
 from ..prediction.calibrated import open_calibration
@@ -24,7 +24,7 @@ from .belief import Belief, of_calibration, of_posterior
 from .hypotheses import FitSettings, fitted_beliefs
 from .questions import LARGEST_MISFIT, ROUGH, OfHypotheses, OfParameters, Question
 from .rank import Proposal, plan, ranked, with_refined
-from .sources import PURPOSES, Named, from_comparison, from_diagnosis
+from .sources import PURPOSES, Named, from_comparison, from_diagnosis, source_file
 from .words import statement, why_hypotheses, why_parameters
 
 Report = Callable[[str, float, float, str], None]
@@ -135,7 +135,7 @@ def check_request(
     purpose: str, model: str | None, models: str | Sequence[str] | None, source: str | Path | None,
     s: ProposalSettings,
 ) -> None:
-    """Raise InputError for options that do not go together or names that are unknown."""
+    """Raise InputError for options that do not go together, names that are unknown, or what no campaign can have."""
     if purpose not in PURPOSES:
         raise InputError(f"--for {purpose} is unknown; one of {', '.join(PURPOSES)}")
     if purpose == "models":
@@ -159,6 +159,10 @@ def check_request(
             raise InputError("--models: name two structures or more; with one there is nothing to tell apart")
     if not 1 <= s.plan <= 20:
         raise InputError(f"--plan {s.plan}: give a number of experiments from 1 to 20")
+    refuse_unreal(s.max_voltage_V, "--max-voltage", "V")
+    refuse_unreal(s.max_frequency_Hz, "--max-frequency", "Hz")
+    if source is not None:
+        source_file(Path(source), purpose)
 
 
 def _known(

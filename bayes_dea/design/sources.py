@@ -14,7 +14,13 @@ from ..errors import InputError
 from ..models.model import build_model
 from ..results import read_json
 
-PURPOSES = ("parameters", "models", "diagnosis")
+#: what a proposal is for -> the file that it reads of an earlier run, and the verb that wrote it
+_READS = {
+    "parameters": ("calibration.json", "calibrate"),
+    "models": ("comparison.json", "compare"),
+    "diagnosis": ("diagnosis.json", "diagnose"),
+}
+PURPOSES = tuple(_READS)
 #: hypotheses that are weighed at most, and the probability that they hold together
 _MOST, _TOGETHER = 5, 0.99
 #: what is not a model of the plant: nothing can be simulated of it
@@ -48,7 +54,7 @@ def from_comparison(folder: Path, models: str | Sequence[str] | None = None) -> 
 
     Raises InputError where it is not whole, or knows one of them not.
     """
-    summary = _read(folder, "comparison.json", "compare", "ranking")
+    summary = _read(folder, "models", "ranking")
     pairs = [(str(e["model"]), e["probability"]) for e in summary["ranking"]]
     if models is not None:
         wanted = expand(models)
@@ -63,7 +69,7 @@ def from_comparison(folder: Path, models: str | Sequence[str] | None = None) -> 
 
 def from_diagnosis(folder: Path, model: str | None = None) -> tuple[Named, Mapping[str, Any]]:
     """Hypotheses of diagnosis.json in a folder. Raises InputError where it is not whole or of another model."""
-    summary = _read(folder, "diagnosis.json", "diagnose", "hypotheses")
+    summary = _read(folder, "diagnosis", "hypotheses")
     if model is not None and build_model(model).name != summary["model"]:
         raise InputError(f"--model {model}: {folder} diagnosed {summary['model']}; leave --model out, or diagnose "
                          "that one")
@@ -111,10 +117,16 @@ def _spec(base: str, name: str) -> str | None:
         return None
 
 
-def _read(folder: Path, name: str, verb: str, key: str) -> dict[str, Any]:
-    path = folder / name
-    if not path.is_file():
+def source_file(folder: Path, purpose: str) -> Path:
+    """What a proposal for `purpose` reads of an earlier run. Raises InputError where it is not there."""
+    name, verb = _READS[purpose]
+    if not (folder / name).is_file():
         raise InputError(f"--from {folder}: holds no {name}; give the --out of `bayes-dea {verb}`")
+    return folder / name
+
+
+def _read(folder: Path, purpose: str, key: str) -> dict[str, Any]:
+    path, verb = source_file(folder, purpose), _READS[purpose][1]
     try:
         summary: dict[str, Any] = read_json(path)
     except (OSError, ValueError) as error:

@@ -96,11 +96,16 @@ def offered_of(where: str, refused: Iterable[tuple[str, str]]) -> tuple[str, ...
     return offered
 
 
+def refuse_unreal(given: float | None, option: str, unit: str) -> None:
+    """Raise InputError for a limit that nothing can have."""
+    if given is not None and (not np.isfinite(given) or given <= 0):
+        raise InputError(f"{option} {given:g}: give a positive number of {unit}")
+
+
 def _own(given: float | None, limit: float, option: str, unit: str, known: bool) -> float:
     if given is None:
         return limit
-    if not np.isfinite(given) or given <= 0:
-        raise InputError(f"{option} {given:g}: give a positive number of {unit}")
+    refuse_unreal(given, option, unit)
     if known and given > limit * (1 + 1e-9):
         raise InputError(f"{option} {given:g}: the actuator takes {limit:g} {unit}; give less, or correct [actuator] "
                          "in campaign.toml")

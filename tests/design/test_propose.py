@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -208,13 +209,30 @@ def test_structures_of_a_comparison_are_named_as_for_a_comparison(tmp_path, mode
     ({"model": "hooke", "settings": bd.ProposalSettings(plan=0)}, "--plan 0"),
     ({"model": "hooke", "settings": bd.ProposalSettings(max_voltage_V=-3.0)}, "--max-voltage"),
     ({"model": "hooke", "settings": bd.ProposalSettings(max_frequency_Hz=1e4)}, "--max-frequency"),
-    ({"source": "nowhere"}, "nowhere"),
+    ({"source": "nowhere"}, "--from nowhere: holds no calibration.json; give the --out of `bayes-dea calibrate`"),
     ({"purpose": "diagnosis", "source": "nowhere"}, "diagnosis.json"),
     ({"purpose": "models", "source": "nowhere"}, "comparison.json"),
 ])
 def test_what_cannot_be_asked_is_said(electric, options, said):
     with pytest.raises(InputError, match=said):
         bd.propose(electric, **options)
+
+
+@pytest.mark.parametrize(("options", "said"), [
+    (["--model", "hooke", "--max-voltage", "-5"], "--max-voltage -5: give a positive number of V"),
+    (["--model", "hooke", "--max-frequency", "nan"], "--max-frequency nan: give a positive number of Hz"),
+    (["--from", "nowhere"], "--from nowhere: holds no calibration.json"),
+])
+def test_what_no_campaign_can_have_is_said_before_one_is_read(monkeypatch, capsys, tmp_path, options, said):
+    from bayes_dea import campaign, cli
+
+    def unread(*_, **__):
+        raise AssertionError("the campaign was read")
+
+    monkeypatch.setattr(campaign, "load_campaign", unread)
+    monkeypatch.setattr(sys, "argv", ["bayes-dea", "next", "campaign", "--out", str(tmp_path / "out"), *options])
+    assert cli._run() == 2
+    assert said in capsys.readouterr().err
 
 
 def test_command_line(command, tmp_path, once):
