@@ -135,7 +135,8 @@ def check_request(
     purpose: str, model: str | None, models: str | Sequence[str] | None, source: str | Path | None,
     s: ProposalSettings,
 ) -> None:
-    """Raise InputError for options that do not go together, names that are unknown, or what no campaign can have."""
+    """Raise InputError for options that do not go together, names that are unknown, limits that are
+    none, or an earlier run that is not there."""
     if purpose not in PURPOSES:
         raise InputError(f"--for {purpose} is unknown; one of {', '.join(PURPOSES)}")
     if purpose == "models":

@@ -7,6 +7,7 @@ search that missed it does not count as recordings that cannot tell.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,21 @@ def _timing(case: Any) -> set[str]:
     return {DELAY} if case.plan.faults.displacement_late_s else set()
 
 
+def _laws(names: Sequence[str], known: Mapping[str, float]) -> dict[str, Any]:
+    """Priors of further laws that effects follow in the truth, by parameter.
+
+    One that stands still unless asked for (a leak that the field activates) acts where the truth has it; one of
+    negative values (readings that lead, a material that shrinks) where that is negative.
+    """
+    from bayes_dea.gauss_newton.laws import VARIANTS
+
+    laws = [law for n in names for law in VARIANTS.get(n, {}).items()]
+    return {p: prior for p, prior in laws if known.get(p) and (prior.b > 0.0 or known[p] < 0.0)}
+
+
 def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     """Laplace's log evidence of the true model, fitted from the true values."""
-    from bayes_dea.gauss_newton.laws import COUNTED, VARIANTS
+    from bayes_dea.gauss_newton.laws import COUNTED
     from bayes_dea.gauss_newton.noise_prior import noise_prior
     from bayes_dea.gauss_newton.refit import refit
     from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
@@ -50,16 +63,8 @@ def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
     late_s = case.plan.faults.displacement_late_s
     names = [*case.truth.split("+"), *_timing(case)]
     known = {**case.parameters, **({"T_d_s": late_s} if late_s else {})}
-    # a law that stands still unless asked for (a leak that the field activates) acts where the truth has it, one of
-    # negative values (readings that lead, a material that shrinks) where that is negative
-    laws = {
-        parameter: prior
-        for n in names
-        for parameter, prior in VARIANTS.get(n, {}).items()
-        if known.get(parameter) and (prior.b > 0.0 or known[parameter] < 0.0)
-    }
     counts = {COUNTED[n]: Prior("fixed", case.parameters["elements"]) for n in names if n in COUNTED}
-    model = extended(base.problem.model, names, {**effect_priors(names, campaign), **laws, **counts})
+    model = extended(base.problem.model, names, {**effect_priors(names, campaign), **_laws(names, known), **counts})
     if model is None:
         return None
     fixed = model.priors.fixed

@@ -89,6 +89,22 @@ def test_by_how_much_the_truth_leads(monkeypatch):
     assert lead.lead_of(SimpleNamespace(truth="none", effects={}), None, found) is None
 
 
+def test_the_truth_is_fitted_by_the_law_that_it_follows():
+    import lead
+
+    from bayes_dea.gauss_newton.laws import VARIANTS
+
+    def taken(effect, **known):
+        return set(lead._laws([effect], known))
+
+    assert taken("thermal_expansion", alpha_T_m_per_K=2e-5) == set()
+    assert lead._laws(["thermal_expansion"], {"alpha_T_m_per_K": -2e-5}) == VARIANTS["thermal_expansion"]
+    assert taken("acquisition_delay", T_d_s=0.003) == set()
+    assert taken("acquisition_delay", T_d_s=-4e-4) == {"T_d_s"}
+    assert taken("leakage", R_leak_ohm=1e8, E_0_V_per_m=2e7) == {"R_leak_ohm", "E_0_V_per_m"}
+    assert taken("inertia", f_1_Hz=400.0) == set()
+
+
 def test_intervals_of_a_share_are_exact():
     low, high = scores.Rate(4, 1000).interval
     assert low == pytest.approx(0.00109, abs=2e-5)  # Clopper-Pearson: beta quantiles
