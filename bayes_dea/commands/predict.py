@@ -34,6 +34,8 @@ def predict(
     out: Annotated[Path | None, folder(help="Folder for the results; by default DIR/prediction.")] = None,
     draws: Annotated[int | None, count(help="Posterior draws for the bands; by default 200.", min=1)] = None,
     specimen: Annotated[str | None, name(help="Which one, where several were calibrated.")] = None,
+    zeroed: Annotated[bool, typer.Option("--zeroed", help="The sensor will be zeroed just before: the band of "
+                                         "readings is narrower.")] = False,
     data_root: Annotated[Path | None, folder(help="Folder where FILE may lie as well.")] = None,
     seed: SeedOption = 1,
     workers: WorkersOption = 0,
@@ -59,7 +61,7 @@ def predict(
         raise InputError(f"--out {target}: is the calibration's own folder, whose report.html would be lost; choose "
                          "another")
     with progress(quiet) as report:
-        options = {"draws": draws, "seed": seed, "specimen": specimen, "data_root": data_root,
+        options = {"draws": draws, "seed": seed, "specimen": specimen, "zeroed": zeroed, "data_root": data_root,
                    "workers": threads(workers), "report": report}
         given = signal if signal is not None else wanted
         assert given is not None

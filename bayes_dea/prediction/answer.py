@@ -18,9 +18,10 @@ from ..errors import InputError
 from ..models.effects import registered_effects
 from ..models.model import Model
 from ..store import CALIBRATION_FILE, POSTERIOR_FILE
-from .bands import LEVELS, Reading, bands
+from .bands import LEVELS, bands
 from .calibrated import Calibrated, open_calibration
 from .limits import check_units, seen_by, warnings_of
+from .reading import reading_of
 from .result import SignalPrediction
 from .signal import Signal, read_signal
 from .simulators import Simulator, simulator
@@ -43,6 +44,7 @@ def predict(
     seed: int = 1,
     specimen: str | None = None,
     hold: str | None = None,
+    zeroed: bool = False,
     data_root: Path | str | None = None,
     workers: int = 1,
     report: Report | None = None,
@@ -51,13 +53,14 @@ def predict(
 
     calibration: the --out folder of a calibration, or what `calibrate` returned. signal: a file, or arrays (n,) by
     name: time_s with voltage_V (the answer is the displacement in m) or with position_m (the force in N; contact at
-    the first position). hold: what the command does between rows (CONTRACT 1), by default as in the campaign. draws:
-    posterior draws, spread evenly; by default 200, or as many as there are. Raises InputError for a folder that is no
-    calibration, a signal that cannot be read, geometry that is missing, or more draws than there are.
+    the first position). hold: what the command does between rows (CONTRACT 1), by default as in the campaign. zeroed:
+    whether the sensor will be zeroed just before, which narrows the band of readings. draws: posterior draws, spread
+    evenly; by default 200, or as many as there are. Raises InputError for a folder that is no calibration, a signal
+    that cannot be read, geometry that is missing, or more draws than there are.
     """
     began = time.perf_counter()
     c, given = read_both(calibration, signal, lambda: read_signal(signal, data_root=data_root), report)
-    return answer(c, given, draws, seed, specimen, hold, workers, report, began)
+    return answer(c, given, draws, seed, specimen, hold, zeroed, workers, report, began)
 
 
 def read_both(
@@ -109,6 +112,7 @@ def answer(
     seed: int,
     specimen: str | None,
     hold: str | None,
+    zeroed: bool,
     workers: int,
     report: Report | None,
     began: float,
@@ -130,7 +134,7 @@ def answer(
     if not c.converged:
         notes.append("The calibration's sampler had not converged: the bands are provisional.")
     rng = np.random.default_rng(seed)
-    reading, about = reading_of(c, name, channel, unit, chosen, rng, notes)
+    reading, about = reading_of(c, name, channel, unit, chosen, zeroed, notes)
     prepared = time.perf_counter()
     n = given.values.size
     found = bands(
@@ -168,7 +172,7 @@ def answer(
         "bands": {
             f"{channel}_qNN_{unit}": f"the {channel} itself{shown}: uncertainty of the parameters alone",
             f"reading_qNN_{unit}": "one reading of the sensor: parameters, its gain as calibrated, the offset of a new "
-            "recording, and the noise of one sample",
+            f"recording {_before(zeroed)}, and the noise of one sample",
         },
         "largest": _largest(given, found.mean, found.parameters),
         "sensor": about,
@@ -188,6 +192,10 @@ def answer(
     return SignalPrediction(channel, unit, given.column, given.time_s, given.values, found, summary)
 
 
+def _before(zeroed: bool) -> str:
+    return "whose sensor was zeroed just before" if zeroed else "whose sensor was not zeroed before"
+
+
 def effects_of_the_sensor(model: Model) -> list[str]:
     """Effects of a model that change the reading of a stroke and not the stroke."""
     return [name for name in model.spec.effects if registered_effects()[name].stage == "sensor"]
@@ -203,53 +211,3 @@ def _largest(given: Signal, mean: NDArray, parameters: NDArray) -> dict[str, flo
     at = int(np.argmax(np.abs(mean)))
     quantiles = {f"q{round(100 * level):02d}": float(v) for level, v in zip(LEVELS, parameters[:, at], strict=True)}
     return {"time_s": float(given.time_s[at]), "mean": float(mean[at]), **quantiles}
-
-
-def reading_of(
-    c: Calibrated,
-    specimen: str,
-    channel: str,
-    unit: str,
-    rows: NDArray[np.int64],
-    rng: np.random.Generator,
-    notes: list[str],
-) -> tuple[Reading | None, dict[str, Any]]:
-    """What the sensor adds to a reading, a value a draw, and a description; None where nothing is known of it."""
-    sensor = c.summary.get("sensors", {}).get(channel, {})
-    fitted = c.recordings(specimen, channel)
-    sigma = c.quantities.get(f"sigma_{channel}_{unit}")
-    gain = c.quantities.get(f"gain_{channel}_{specimen}", c.quantities.get(f"gain_{channel}"))
-    quantisation = float(sensor.get("resolution") or 0.0) / np.sqrt(12.0)
-    if sigma is not None and gain is not None and fitted:
-        # of a new recording nothing but the prior of its offset is known
-        offset = float(np.median([r.get("offset_prior_sd") or 0.0 for r in fitted]))
-        sd, g = np.sqrt(sigma[rows] ** 2 + offset**2 + quantisation**2), gain[rows]
-        if sensor.get("accuracy") is None:
-            notes.append(
-                f"[sensor.{channel}] states no accuracy: the offset of a reading is nearly free, and so is its band. "
-                "State it and calibrate again."
-            )
-        about = {
-            "noise_sd": float(sigma[rows].mean()),
-            "offset_sd": offset,
-            "gain_mean": float(g.mean()),
-            "gain_sd": float(g.std()),
-            "source": "as calibrated",
-        }
-        return Reading(g, sd), about
-    if sensor.get("fluctuation") is None:
-        notes.append(
-            f"Nothing is known of the sensor of the {channel} ([sensor.{channel}] of the campaign): there is no band "
-            "of readings, only that of the parameters."
-        )
-        return None, {}
-    offset = float(sensor.get("accuracy") or 0.0) / np.sqrt(3.0)
-    noise = float(sensor["fluctuation"])
-    sd = np.full(len(rows), np.sqrt(noise**2 + offset**2 + quantisation**2))
-    return Reading(np.zeros(len(rows)), sd), {
-        "noise_sd": noise,
-        "offset_sd": offset,
-        "gain_mean": 0.0,
-        "gain_sd": 0.0,
-        "source": "as stated; no recording of it was fitted",
-    }

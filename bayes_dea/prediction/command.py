@@ -48,6 +48,7 @@ def command_for(
     seed: int = 1,
     specimen: str | None = None,
     hold: str | None = None,
+    zeroed: bool = False,
     data_root: Path | str | None = None,
     workers: int = 1,
     report: Report | None = None,
@@ -94,7 +95,7 @@ def command_for(
         warnings=(*wish.warnings, *notes),
     )
     inverted = time.perf_counter()
-    given = answer(c, command, draws, seed, name, hold, workers, report, inverted)
+    given = answer(c, command, draws, seed, name, hold, zeroed, workers, report, inverted)
     mean, summary = given.mean, given.summary
     sensed = effects_of_the_sensor(c.structure.model)
     if sensed:

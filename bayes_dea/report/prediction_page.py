@@ -113,13 +113,13 @@ def sentence(s: Mapping[str, Any]) -> str:
         if wanted["unmet_count"]:
             late = sum(e["seconds"] for e in wanted["unmet_by"].values())
             text += (
-                f" The wanted stroke is met except in {digits.significant(late, 3)} s of "
+                f" The mean of the prediction meets the wanted stroke except in {digits.significant(late, 3)} s of "
                 f"{digits.significant(s['duration_s'], 4)} s, by up to "
                 f"{digits.quantity(wanted['largest_miss_m'], 'm')}."
             )
         else:
             close = digits.quantity(wanted.get("met_to_m") or 1e-9, "m")
-            text += f" The wanted stroke is met everywhere, to {close}."
+            text += f" The mean of the prediction meets the wanted stroke everywhere, to {close}."
     if any("extrapolation" in w for w in s["warnings"]):
         text += " In part this is an extrapolation beyond what the calibration has seen."
     return text
@@ -142,6 +142,11 @@ def terminal_summary(summary: Mapping[str, Any], width: int = 80) -> str:
     return "\n".join(lines)
 
 
+def _before(about: Mapping[str, Any]) -> str:
+    """What the offset of a recording rests on."""
+    return "zeroed just before" if about.get("zeroed") else "that was not zeroed before (--zeroed: it will be)"
+
+
 def _rows(s: Mapping[str, Any]) -> list[tuple[str, str]]:
     about, unit = s.get("sensor") or {}, s["unit"]
     rows = [
@@ -155,7 +160,10 @@ def _rows(s: Mapping[str, Any]) -> list[tuple[str, str]]:
         gain = f"{digits.percent(about['gain_mean'], 2)} ± {digits.percent(about['gain_sd'], 2)} %"
         rows += [
             ("Sensor, noise of one sample", digits.quantity(about["noise_sd"], unit)),
-            ("Sensor, offset of a recording", f"± {digits.quantity(about['offset_sd'], unit)} (one sd)"),
+            (
+                f"Sensor, offset of a recording {_before(about)}",
+                f"± {digits.quantity(about['offset_sd'], unit)} (one sd)",
+            ),
             ("Sensor, error of its gain", f"{gain} ({about['source']})"),
         ]
     for key, value in (s.get("limits") or {}).items():
@@ -258,7 +266,8 @@ def overview_picture(view: PredictionView) -> Picture:
         "Above: the answer to the command below. Dark band: where the "
         f"{'stroke' if view.channel == 'displacement' else 'force'} itself lies with 90 % probability (uncertainty of "
         "the parameters alone); it may be no wider than the line. Light band: where 9 of 10 single readings of the "
-        "sensor will fall; it adds the sensor's own gain, the offset of a new recording, and noise."
+        "sensor will fall; it adds the sensor's own gain, the offset of a new recording "
+        f"{_before(view.summary['sensor'])}, and noise."
     )
     if view.band("reading", 5) is None:
         caption = caption.split(" Light band")[0]
