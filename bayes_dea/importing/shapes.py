@@ -296,25 +296,60 @@ def _periodic(t: Array, v: Array) -> tuple[str, float, float, float, float] | No
 # -- mechanics ----------------------------------------------------------------------------------------------------
 
 
+def _pieces(values: Array) -> tuple[Array, float]:
+    """Means of 1/200 of the record each, and the sd that noise leaves in one."""
+    v = filled(values)
+    edges = np.linspace(0, v.size, min(200, v.size) + 1).astype(int)
+    return np.add.reduceat(v, edges[:-1]) / np.diff(edges), scatter(v) / np.sqrt(max(1.0, float(np.diff(edges).mean())))
+
+
+def _moves(values: Array, share: float) -> NDArray[np.bool_]:
+    """Where a signal moves by more than its noise and `share` of its span in 1/200 of the record."""
+    means, noise = _pieces(values)
+    return np.abs(np.diff(means)) > max(share * span(filled(values)), 5.0 * noise)
+
+
 def moving_share(values: Array) -> float:
     """Part of the time during which a signal moves by more than its noise and 0.2 % of its span in 1/200 of the
     record.
     """
-    v = filled(values)
-    edges = np.linspace(0, v.size, min(200, v.size) + 1).astype(int)
-    means = np.add.reduceat(v, edges[:-1]) / np.diff(edges)
-    noise = scatter(v) / np.sqrt(max(1.0, float(np.diff(edges).mean())))
-    return float(np.mean(np.abs(np.diff(means)) > max(0.002 * span(v), 5.0 * noise)))
+    return float(np.mean(_moves(values, 0.002)))
+
+
+def _drifts(length: Array, force: Array) -> tuple[float, float]:
+    """How far each goes on, in shares of its span, during the longest stretch in which neither leaps.
+
+    The one that is held stays where it is, the other creeps or relaxes; 0 for what noise could be.
+    """
+    leaps = np.flatnonzero(_moves(length, 0.02) | _moves(force, 0.02))
+    bounds = np.concatenate([[-1], leaps, [_pieces(length)[0].size - 1]])
+    longest = int(np.argmax(np.diff(bounds)))
+    first, last = int(bounds[longest]) + 1, int(bounds[longest + 1]) + 1
+    tenth = max(1, (last - first) // 10)
+    out = []
+    for values in (length, force):
+        means, noise = _pieces(values)
+        drift = abs(float(means[last - tenth : last].mean() - means[first : first + tenth].mean()))
+        out.append(drift / span(filled(values)) if drift > 5.0 * noise * np.sqrt(2.0 / tenth) else 0.0)
+    return out[0], out[1]
 
 
 def mechanical_shape(length: Array, force: Array) -> Shape:
-    """relaxation (length held), load (force held) or compression (both move), from who holds still for longer."""
+    """relaxation (length held), load (force held) or compression (both move), from who holds still.
+
+    Where both do for most of the time, the one that is held is the one that does not drift meanwhile.
+    """
     moves_length, moves_force = moving_share(length), moving_share(force)
-    if moves_length < 0.3 and moves_length <= moves_force:
+    held = moves_length <= moves_force
+    if max(moves_length, moves_force) < 0.3:
+        drift_length, drift_force = _drifts(length, force)
+        if drift_length != drift_force:
+            held = drift_length < drift_force
+    if moves_length < 0.3 and held:
         return Shape(
             "relaxation", f"the position moves during {100 * moves_length:.2g} % of the time and is held otherwise"
         )
-    if moves_force < 0.3 and moves_force < moves_length:
+    if moves_force < 0.3 and not held:
         return Shape("load", f"the force changes during {100 * moves_force:.2g} % of the time and is held otherwise")
     return Shape("compression", "position and force move all the time", sure=True)
 
