@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from pace import HANGS_S
+
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -40,5 +42,5 @@ class Forks:
     def close(self):
         """End the warm process."""
         self.server.stdin.close()
-        self.server.wait(60)
+        self.server.wait(HANGS_S)
         self.server.stdout.close()

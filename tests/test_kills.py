@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from forks import ENVIRONMENT, Forks
+from pace import HANGS_S
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
@@ -40,7 +41,7 @@ class Fresh:
         return self.process.poll() is None
 
     def end(self):
-        said, _ = self.process.communicate(timeout=120)
+        said, _ = self.process.communicate(timeout=HANGS_S)
         return self.process.returncode, said
 
 

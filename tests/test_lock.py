@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from pace import HANGS_S
 
 from bayes_dea import cli
 from bayes_dea.errors import InputError
@@ -19,7 +20,7 @@ from pathlib import Path
 from bayes_dea.run_state import locked
 with locked(Path(sys.argv[1]), "bayes-dea calibrate"):
     print("held", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 
@@ -30,7 +31,7 @@ def holder(tmp_path):
     assert process.stdout.readline() == "held\n"
     yield process
     process.kill()
-    process.wait(30)
+    process.wait(HANGS_S)
     process.stdout.close()
 
 
@@ -62,7 +63,7 @@ def test_every_verb_that_writes_is_told(holder, tmp_path, monkeypatch, capsys, s
 def test_what_a_killed_run_left_is_taken_over(holder, tmp_path, number):
     out = tmp_path / "out"
     holder.send_signal(number)
-    holder.wait(30)
+    holder.wait(HANGS_S)
     assert (out / LOCK_FILE).exists(), "no handler ran in there, so the file is left"
     with locked(out, "bayes-dea report"):
         assert json.loads((out / LOCK_FILE).read_text())["pid"] == os.getpid()
@@ -107,7 +108,7 @@ def test_only_one_of_many_gets_it(tmp_path):
     runs = [subprocess.Popen([sys.executable, "-c", script, str(tmp_path / "out")], stdout=subprocess.PIPE,
                              stderr=subprocess.PIPE, text=True) for _ in range(3)]
     for run in runs:
-        stdout, stderr = run.communicate(timeout=60)
+        stdout, stderr = run.communicate(timeout=HANGS_S)
         assert run.returncode == 0, stderr
         assert int(stdout) > 0
     time.sleep(0.01)

@@ -11,6 +11,7 @@ import types
 from pathlib import Path
 
 import pytest
+from pace import HANGS_S
 
 import bayes_dea as bd
 import bayes_dea.paper.run as paper_run
@@ -188,7 +189,7 @@ def test_killed_and_resumed_it_ends_at_the_same_numbers(
     out = tmp_path / "out"
     process = subprocess.Popen(arguments(parts, out, "--workers", "2"), env=environment, stdout=subprocess.DEVNULL,
                                stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + HANGS_S
     running: list[str] = []
     while time.monotonic() < deadline:
         running += parts.ran()
@@ -198,18 +199,18 @@ def test_killed_and_resumed_it_ends_at_the_same_numbers(
         time.sleep(0.02)
     assert len(workers) == 1
     process.send_signal(how)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=HANGS_S)
     if how == signal.SIGTERM:
         assert process.returncode == 143
         assert "--resume continues" in said
-    deadline = time.monotonic() + 60  # of its own: how long the start took is another matter
+    deadline = time.monotonic() + HANGS_S  # of its own: how long the start took is another matter
     while any(alive(w) for w in workers) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not any(alive(w) for w in workers), "a section outlived its run"
     assert not (out / "paper.json").exists()
     (parts.lib / parts.package / "stay").unlink()
     done = subprocess.run(arguments(parts, out, "--resume", "--json"), env=environment, capture_output=True, text=True,
-                          timeout=100, check=False)
+                          timeout=HANGS_S, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert parts.ran() == ["creep", "timing"]
     assert done.stdout == (out / "paper.json").read_text(encoding="utf-8")

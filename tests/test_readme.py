@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from pace import HANGS_S
 from short_runs import shorten, without_page
 
 from bayes_dea import cli
@@ -146,9 +147,9 @@ def test_live_commands_run(beside_quickstart: Path):
     device = subprocess.Popen(shlex.split(bench), cwd=beside_quickstart, stdout=subprocess.DEVNULL)
     try:
         done = subprocess.run(live + " --quiet", shell=True, cwd=beside_quickstart, capture_output=True, text=True,
-                              timeout=120, check=False)
+                              timeout=HANGS_S, check=False)
     finally:
         device.terminate()
-        device.wait(timeout=20)
+        device.wait(timeout=HANGS_S)
     assert done.returncode == 0, done.stderr
     assert json.loads((beside_quickstart / "live" / "live.json").read_text(encoding="utf-8"))["samples"] > 1000

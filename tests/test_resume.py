@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from forks import Forks
+from pace import HANGS_S
 from short_runs import short_settings, shorten
 from tiny_campaign import tiny_campaign
 
@@ -40,7 +41,7 @@ def interrupt(runs, arguments, out, number):
     """Start a calibration, wait for a new checkpoint, send the signal; returns exit status and what was printed."""
     before = stamps(out) if out.is_dir() else {}
     process = runs.start(arguments)
-    deadline = time.monotonic() + 100
+    deadline = time.monotonic() + HANGS_S
     while time.monotonic() < deadline and stamps(out) == before:
         time.sleep(0.005)
     with contextlib.suppress(ProcessLookupError):

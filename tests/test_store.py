@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pace import HANGS_S
 
 import bayes_dea as bd
 from bayes_dea.errors import BayesDEAError
@@ -174,13 +175,13 @@ def test_a_writer_that_is_killed_leaves_the_old_file(tmp_path):
     target = tmp_path / "a.json"
     target.write_text("old")
     code = ("import sys, time\nfrom pathlib import Path\nfrom bayes_dea.results import write_atomic\n"
-            "def slow(path):\n    path.write_text('half of it')\n    print('writing', flush=True)\n    time.sleep(60)\n"
+            "def slow(path):\n    path.write_text('half of it')\n    print('writing', flush=True)\n    time.sleep(99)\n"
             "write_atomic(Path(sys.argv[1]), slow)\n")
     process = subprocess.Popen([sys.executable, "-c", code, str(target)], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "writing\n"
     process.send_signal(signal.SIGKILL)
-    process.wait(10)
+    process.wait(HANGS_S)
     process.stdout.close()
     assert target.read_text() == "old"
 

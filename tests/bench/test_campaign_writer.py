@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from pace import HANGS_S
 
 import bayes_dea
 from bayes_dea.bench.campaign_writer import ORIGIN, write_campaign
@@ -230,5 +231,5 @@ def test_a_run_of_the_bench_loads_nothing_it_should_contradict(tmp_path: Path) -
             "print([m for m in sys.modules if m.startswith('bayes_dea.') and not m.startswith("
             "('bayes_dea.bench', 'bayes_dea.compiled', 'bayes_dea.errors', 'bayes_dea.results'))])")
     run = subprocess.run([sys.executable, "-c", code, str(tmp_path / "c")], capture_output=True, text=True,
-                         env=os.environ, check=True, timeout=120)
+                         env=os.environ, check=True, timeout=HANGS_S)
     assert run.stdout.strip() == "[]"

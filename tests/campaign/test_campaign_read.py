@@ -4,10 +4,10 @@ import hashlib
 import os
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
+from pace import seconds
 
 from bayes_dea.campaign import Sensor, load_campaign, require_geometry, require_sensor
 from bayes_dea.campaign.vocabulary import CONVENTIONS, NOT_AVAILABLE
@@ -308,11 +308,9 @@ def test_reading_is_fast(folder, data, as_csv):
         recordings += f'[[recording]]\nfile = "r{k}.csv"\nkind = "creep"\n'
     path = folder(recordings, files)
     load_campaign(folder(name="warm"))
-    start = time.process_time()
-    campaign = load_campaign(path)
-    seconds = time.process_time() - start
-    assert sum(r.n for r in campaign.recordings) == 12 * n
-    assert seconds < 2.0
+    read = []
+    assert seconds(lambda: read.append(load_campaign(path))) < 2.0
+    assert sum(r.n for r in read[0].recordings) == 12 * n
 
 
 def test_holes_in_many_recordings_are_told_in_one_line(folder, data, as_csv):

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pytest
+from pace import HANGS_S
 from pyarrow import parquet
 from scipy.io import savemat
 from tiny_campaign import tiny_campaign
@@ -173,12 +174,12 @@ def test_nothing_is_left_of_a_killed_process(tmp_path):
               "from bayes_dea.campaign.scratch import Gathering, Scratch, ScratchSettings, beside\n"
               "with Gathering(2, Scratch(ScratchSettings(Path(sys.argv[1]), 0))) as g:\n"
               "    g.add([np.zeros(100000)] * 2)\n    c = g.columns()\n    b = beside(c[0])\n"
-              "    print('mapped', flush=True)\n    time.sleep(60)\n")
+              "    print('mapped', flush=True)\n    time.sleep(600)\n")
     process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "mapped\n"
     assert list(tmp_path.iterdir()) == []
     process.send_signal(signal.SIGKILL)
-    process.wait(30)
+    process.wait(HANGS_S)
     process.stdout.close()
     assert list(tmp_path.iterdir()) == []
 

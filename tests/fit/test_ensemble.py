@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pace import HANGS_S
 
 from bayes_dea.errors import InputError, NotConvergedWarning
 from bayes_dea.fit.diagnostics import ess, integrated_time, rank_rhat
@@ -250,7 +251,7 @@ def test_killed_run_resumes_to_the_same_numbers(tmp_path: Path):
     )
     child = subprocess.Popen([sys.executable, "-c", script, str(file)])
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + HANGS_S
         while not file.exists() and child.poll() is None and time.monotonic() < deadline:
             time.sleep(0.01)
         time.sleep(0.4)

@@ -12,6 +12,7 @@ import tomllib
 import make_files
 import numpy as np
 import pytest
+from pace import HANGS_S
 
 from bayes_dea.campaign import load_campaign
 from bayes_dea.errors import InputError
@@ -121,7 +122,7 @@ def test_asks_on_a_terminal(tmp_path):
         env={**os.environ, "TERM": "dumb"},
     )
     os.close(theirs)
-    seen, told, deadline = b"", 0, time.monotonic() + 60
+    seen, told, deadline = b"", 0, time.monotonic() + HANGS_S
     while time.monotonic() < deadline:
         if select.select([ours], [], [], 0.1)[0]:
             try:
@@ -136,7 +137,7 @@ def test_asks_on_a_terminal(tmp_path):
         elif run.poll() is not None:
             break
     os.close(ours)
-    assert run.wait(10) == 0, seen.decode("utf-8", "replace")
+    assert run.wait(HANGS_S) == 0, seen.decode("utf-8", "replace")
     assert told == 2
     (recording,) = load_campaign(tmp_path / "c", case.files[0].parent).recordings
     assert recording.time_s[200] == pytest.approx(1.0)

@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 from hearing import hears_ctrl_c
+from pace import HANGS_S
 from scipy import stats
 from stream import ACTUATOR, ONE_BRANCH, TOML, device, learner, rows_of
 from test_live_run import served
@@ -181,11 +182,11 @@ def test_ctrl_c_ramps_down_and_what_was_chosen_is_kept(toml, tmp_path):
         run = subprocess.Popen([sys.executable, "-m", "bayes_dea", "live", "--campaign", str(toml), "--model",
                                 "hooke+gm1", "--out", str(out), "--particles", "300", "--port", name, "--adaptive",
                                 "--budget", "10min"], stderr=subprocess.PIPE, text=True, preexec_fn=hears_ctrl_c)
-        until = time.monotonic() + 90
+        until = time.monotonic() + HANGS_S
         while time.monotonic() < until and machine._voltage_V < 300:
             time.sleep(0.02)
         run.send_signal(signal.SIGINT)
-        said = run.communicate(timeout=60)[1]
+        said = run.communicate(timeout=HANGS_S)[1]
         assert run.returncode == 130, said
         assert machine._voltage_V == 0.0
     a = json.loads((out / "live.json").read_text())["adaptive"]

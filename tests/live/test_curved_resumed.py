@@ -9,6 +9,7 @@ import time
 
 import pytest
 from hearing import hears_ctrl_c
+from pace import HANGS_S
 from stream import TOML, device
 from test_live_run import served
 from threadpoolctl import threadpool_limits
@@ -57,7 +58,7 @@ def test_killed_while_it_opens_and_interrupted_later_it_ends_at_the_same_numbers
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
 
     def until(run, rows):
-        give_up = time.monotonic() + 120
+        give_up = time.monotonic() + HANGS_S
         while rows_on_disk(out) < rows and run.poll() is None and time.monotonic() < give_up:
             time.sleep(0.05)
         assert run.poll() is None, "it ended before it was stopped"
@@ -72,7 +73,7 @@ def test_killed_while_it_opens_and_interrupted_later_it_ends_at_the_same_numbers
         second = subprocess.Popen([*arguments, "--play", "demo"], env=environment, preexec_fn=hears_ctrl_c)
         until(second, 200 * 35)
         second.send_signal(signal.SIGINT)
-        assert second.wait(timeout=120) == 130
+        assert second.wait(timeout=HANGS_S) == 130
         written = json.loads((out / "live.json").read_text())
         assert written["learned_samples"] == written["samples"] > 200 * 30
         third = subprocess.run([*arguments, "--resume", "--duration", "5"], env=environment, check=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pace import HANGS_S
 
 from bayes_dea.errors import InputError
 from bayes_dea.live.display import picture, sparkline
@@ -44,7 +45,7 @@ def test_only_the_address_outside_has_a_token():
     with serve_page("0", "hooke+gm1") as (address, _):
         assert address.startswith("http://127.0.0.1:")
         assert "token" not in address
-        with urllib.request.urlopen(address, timeout=10) as answer:
+        with urllib.request.urlopen(address, timeout=HANGS_S) as answer:
             assert b"bayes-dea live: hooke+gm1" in answer.read()
     with serve_page("0.0.0.0:0", "hooke+gm1") as (address, _):
         assert len(address.split("?token=")[1]) >= 24
@@ -67,7 +68,7 @@ def test_in_a_browser_it_updates_without_errors(tmp_path):
                     "(document)")
             for samples in (100, 4321):
                 show(view(samples))
-                until = time.monotonic() + 15
+                until = time.monotonic() + HANGS_S
                 while time.monotonic() < until and f"{samples} samples" not in (seen[-1] if seen else ""):
                     time.sleep(0.3)
                     answer = page.call("Runtime.evaluate", expression=deep, returnByValue=True)

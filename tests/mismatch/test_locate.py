@@ -1,11 +1,11 @@
 """The search for where: its false-alarm rate under the null, and its power against a small coherent error."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
+from pace import seconds
 
 from bayes_dea.gauss_newton.problem import Problem
 from bayes_dea.gauss_newton.refit import refit
@@ -188,6 +188,6 @@ def test_a_recording_full_of_intervals_is_told_at_once():
     hits = [(1.0, Window("time", 0, "", 0.01 * i, 0.01 * i + 0.005, "")) for i in range(40_000)]
     rng = np.random.default_rng(5)
     hits = [hits[i] for i in rng.permutation(len(hits))]
-    began = time.process_time()
-    assert len(_apart(hits)) == len(hits)
-    assert time.process_time() - began < 5.0
+    kept = []
+    assert seconds(lambda: kept.extend(_apart(hits))) < 5.0
+    assert len(kept) == len(hits)

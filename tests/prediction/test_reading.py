@@ -1,4 +1,4 @@
-"""The band of readings is that of the sensor's state before the recording that is predicted, not before those fitted."""
+"""The band of readings is that of the sensor's state before what is predicted, not before what was fitted."""
 
 from dataclasses import replace
 

@@ -13,6 +13,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from pace import HANGS_S
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (
     "--headless",
@@ -71,7 +73,7 @@ class Page:
         """Size of the window in CSS pixels."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
-    def call(self, method: str, timeout_s: float = 60.0, **params: Any) -> dict[str, Any]:
+    def call(self, method: str, timeout_s: float = HANGS_S, **params: Any) -> dict[str, Any]:
         """One command and its answer; what the page reports meanwhile is taken down."""
         self._next += 1
         wanted = self._next
@@ -120,7 +122,7 @@ class Page:
         while self._read(end) is not None:
             pass
 
-    def open(self, path: Path, timeout_s: float = 60.0) -> None:
+    def open(self, path: Path, timeout_s: float = HANGS_S) -> None:
         """Load a file and wait until it is loaded."""
         self.loaded = False
         self.call("Page.navigate", url=path.as_uri())
@@ -128,13 +130,13 @@ class Page:
         while not self.loaded:
             assert self._read(end) is not None, f"{path} did not load within {timeout_s} s"
 
-    def run(self, expression: str, timeout_s: float = 60.0) -> Any:
+    def run(self, expression: str, timeout_s: float = HANGS_S) -> Any:
         """Value of an expression in the page; promises are waited for."""
         done = self.call("Runtime.evaluate", timeout_s, expression=expression, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in done, done["exceptionDetails"].get("exception", {}).get("description")
         return done["result"].get("value")
 
-    def until(self, expression: str, timeout_s: float = 20.0) -> None:
+    def until(self, expression: str, timeout_s: float = HANGS_S) -> None:
         """Wait until an expression is true."""
         end = time.monotonic() + timeout_s
         while not self.run(expression):
@@ -160,7 +162,7 @@ class Page:
 
     def pdf(self, path: Path) -> Path:
         """The page as it prints on A4."""
-        data = self.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, printBackground=False, timeout_s=120.0)
+        data = self.call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69, printBackground=False)
         path.write_bytes(base64.b64decode(data["data"]))
         return path
 
