@@ -22,7 +22,7 @@ _CANDIDATES = (
     ("whitespace", "."),
     ("whitespace", ","),
 )
-_DELIMITER_NAMES = {"\t": "tab", "whitespace": "white space"}
+_DELIMITER_NAMES = {",": "commas", ";": "semicolons", "|": "bars", "\t": "tabs", "whitespace": "white space"}
 _BODY_ROWS = 200
 
 _ISO = re.compile(r"^\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?(Z|[+-]\d\d:?\d\d)?$")

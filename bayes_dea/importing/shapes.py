@@ -95,6 +95,11 @@ def active(voltage: Array) -> tuple[int, int]:
     return first, min(int(moving[-1]) + 2, v.size) if moving.size else v.size
 
 
+def _percent(misfit: float) -> str:
+    """A relative misfit in words; what rounding leaves of an exact wave is no number to look at."""
+    return f"{100 * misfit:.2g} %" if misfit >= 1e-4 else "below 0.01 %"
+
+
 def voltage_shape(time: Array, voltage: Array) -> Shape:
     """Kind of a voltage recording: creep, sine, triangle, rectangle, or voltage for everything else."""
     v = filled(voltage)
@@ -117,8 +122,8 @@ def voltage_shape(time: Array, voltage: Array) -> Shape:
         if residual < 0.12 and second > 1.8 * residual:
             return Shape(
                 name,
-                f"{cycles:.3g} periods of a {name} at {frequency:.4g} Hz (misfit {100 * residual:.2g} %, "
-                f"next best {100 * second:.2g} %)",
+                f"{cycles:.3g} periods of a {name} at {frequency:.4g} Hz (misfit {_percent(residual)}, "
+                f"next best {_percent(second)})",
             )
     if linear is not None:
         return linear
@@ -228,7 +233,7 @@ def _short_sine(t: Array, v: Array) -> Shape | None:
             best, cycles = residual, float(c)
     if best > 0.05:
         return None
-    return Shape("sine", f"{cycles:.3g} periods of a sine at {cycles / duration:.4g} Hz (misfit {100 * best:.2g} %)")
+    return Shape("sine", f"{cycles:.3g} periods of a sine at {cycles / duration:.4g} Hz (misfit {_percent(best)})")
 
 
 def _triangle(t: Array, v: Array, pieces: int) -> Shape | None:

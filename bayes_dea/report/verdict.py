@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,16 +40,12 @@ def verdict(summary: Mapping[str, Any]) -> Verdict:
             f"the worst recording, {worst['recording']}, is met to {digits.quantity(rmse, unit)} RMS where "
             f"the noise floor is {digits.quantity(worst.get('noise_floor'), unit)}"
         )
-    kept = [
-        r["coverage_90"] for r in recordings if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))
-    ]
+    kept = [r for r in recordings if r.get("role") != "identify" and digits.is_number(r.get("coverage_90"))]
     if kept:
-        mean = sum(kept) / len(kept)
-        word = "the one recording" if len(kept) == 1 else f"the {len(kept)} recordings"
-        clauses.append(f"on {word} never fitted the 90 % bands hold {digits.percent(mean)} % of the samples")
-        if not COVERAGE_LOW <= mean <= COVERAGE_HIGH:
+        fits, clause = _coverage(kept)
+        clauses.append(clause)
+        if not fits:
             level = "check" if level == "good" else level
-            clauses[-1] += " (the bands are too narrow)" if mean < COVERAGE_LOW else " (the bands are too wide)"
     else:
         clauses.append("no recording was kept back to test the bands")
     doubt, clause = _left_out(recordings)
@@ -56,6 +53,32 @@ def verdict(summary: Mapping[str, Any]) -> Verdict:
         level = "check" if level == "good" else level
     clauses.append(clause)
     return Verdict(level, "; ".join(c for c in clauses if c) + ".")
+
+
+def _coverage(kept: Sequence[Mapping[str, Any]]) -> tuple[bool, str]:
+    """Whether the bands hold what they should on every recording never fitted, and that in words.
+
+    Each by itself: one that is held too rarely and one that is held too often are right on the mean.
+    """
+    shares = [r["coverage_90"] for r in kept]
+    span = " to ".join(dict.fromkeys(digits.percent(f(shares)) for f in (min, max)))
+    word = "the one recording" if len(kept) == 1 else f"the {len(kept)} recordings"
+    doubts = []
+    for how, amiss in (
+        ("narrow", [r for r in kept if r["coverage_90"] < COVERAGE_LOW - _chance(r)]),
+        ("wide", [r for r in kept if r["coverage_90"] > COVERAGE_HIGH + _chance(r)]),
+    ):
+        if amiss:
+            worst = max(amiss, key=lambda r: abs(r["coverage_90"] - 0.9))
+            others = f" and {len(amiss) - 1} more" if len(amiss) > 1 else ""
+            doubts.append(f"too {how}" + (f" on {worst['recording']}{others}" if len(kept) > 1 else ""))
+    said = f" (the bands are {' and '.join(doubts)})" if doubts else ""
+    return not doubts, f"on {word} never fitted the 90 % bands hold {span} % of the samples{said}"
+
+
+def _chance(recording: Mapping[str, Any]) -> float:
+    """Three standard errors of the share that 90 % bands hold; one sample in five counts, as noise has a memory."""
+    return 3.0 * math.sqrt(0.09 / max(recording.get("n", 0) / 5, 1.0))
 
 
 def _worst(recordings: list[Mapping[str, Any]]) -> Mapping[str, Any] | None:

@@ -77,3 +77,27 @@ def test_verdict(result: Path, change: dict, level: str, said: str) -> None:
     assert said in v.sentence
     assert v.sentence.endswith(".")
     assert v.sentence.count(".") == v.sentence.replace(". ", " ").count(".")  # one sentence
+
+
+@pytest.mark.parametrize(
+    ("shares", "rows", "level", "said"),
+    [
+        ((0.8, 1.0), 40_000, "check", "80.0 to 100.0 % of the samples (the bands are too narrow on a.csv and too wide"),
+        ((0.7, 0.6), 40_000, "check", "60.0 to 70.0 % of the samples (the bands are too narrow on b.csv and 1 more)"),
+        ((0.9, 0.9), 40_000, "good", "the 2 recordings never fitted the 90 % bands hold 90.0 % of the samples"),
+        # twenty independent samples tell nothing of a few per cent
+        ((0.83, 0.97), 100, "good", "hold 83.0 to 97.0 % of the samples"),
+    ],
+)
+def test_each_recording_that_was_kept_is_judged_by_itself(
+    result: Path, shares: tuple[float, float], rows: int, level: str, said: str
+) -> None:
+    summary = read_json(result / "calibration.json")
+    recordings = [r | {"coverage_90": 0.9, "role": "identify"} for r in summary["recordings"]]
+    kept = [
+        recordings[0] | {"recording": name, "role": "validate", "coverage_90": share, "n": rows}
+        for name, share in zip(("a.csv", "b.csv"), shares, strict=True)
+    ]
+    v = verdict(summary | {"recordings": [*recordings, *kept]})
+    assert said in v.sentence
+    assert v.level == level
