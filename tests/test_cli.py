@@ -197,9 +197,13 @@ def test_a_reader_that_leaves_early():
 
 
 def test_bench_writes_the_same_campaign_again(command, small_campaign, tmp_path):
+    (tmp_path / "again").mkdir()
+    (tmp_path / "again" / "earlier.csv").touch()
     done = command("bench", "--preset", "small", "--out", tmp_path / "again", "--seed", 1)
     assert done.returncode == 0
-    assert done.stdout == f"Campaign (simulated): {tmp_path / 'again'}\n"
+    said = done.stdout.splitlines()
+    assert said[0] == f"Campaign (simulated): {tmp_path / 'again'}"
+    assert said[1:] == ["Beside it, in no campaign: earlier.csv (of an earlier one? delete what you do not need)"]
     assert done.stderr == ""
     for path in small_campaign.iterdir():
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()

@@ -112,6 +112,13 @@ def _check_free(out: Path, plan: CampaignPlan) -> None:
                              "give --out another folder")
 
 
+def in_no_campaign(folder: Path) -> tuple[str, ...]:
+    """CSV files beside campaign.toml that it does not name, as recordings of a campaign that was there before."""
+    table = tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))
+    named = {row["file"] for row in table["recording"]}
+    return tuple(sorted(path.name for path in folder.glob("*.csv") if path.name not in named))
+
+
 def write_folder(out: Path, plan: CampaignPlan, seed: int, table: dict[str, Any],
                  about: Callable[[list[dict[str, Any]]], dict[str, Any]] | None,
                  progress: Callable[[int, int, str], None] | None = None) -> list[dict[str, Any]]:

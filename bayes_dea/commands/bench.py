@@ -59,6 +59,7 @@ def bench(
         serve_bench(tcp, link=link, rate_Hz=rate, speed=speed, seconds=lasting, faults=fault or (), seed=seed,
                     material=material, noise_scale=1.0 if noise_scale is None else noise_scale, announce=typer.echo)
         return
+    from ..bench.campaign_writer import in_no_campaign
     from ..bench.effects import parse_effect, read_effects
     from ..bench.run import run_bench
 
@@ -70,3 +71,6 @@ def bench(
                            progress=lambda done, of, name: report("simulating", done, of, name))
     if not quiet:
         typer.echo(f"Campaign (simulated): {folder}")
+        if left := in_no_campaign(folder):
+            shown = ", ".join(left[:3]) + (f" and {len(left) - 3} more" if len(left) > 3 else "")
+            typer.echo(f"Beside it, in no campaign: {shown} (of an earlier one? delete what you do not need)")
