@@ -70,6 +70,14 @@ def scale_for(reference: float | None, unit: str) -> Scale:
     return Scale(10.0**exponent, (f"×10{str(exponent).translate(_SUPERSCRIPT)} " + shown).strip())
 
 
+def scale_of(q05: float, q50: float, q95: float, unit: str) -> Scale:
+    """The scale of a posterior with these quantiles.
+
+    What is compatible with zero is scaled by its width: a median of 1e-9 is not meant in nano.
+    """
+    return scale_for(max(abs(q50), 0.3 * (q95 - q05)), unit)
+
+
 def decimals_for(spread: float, digits: int = 2) -> int:
     """Decimals that show `spread` to so many significant digits (at most 12, at least 0)."""
     if not math.isfinite(spread) or spread <= 0:

@@ -112,8 +112,7 @@ def reading(entry: Mapping[str, Any]) -> tuple[digits.Scale, int]:
     q05, q50, q95 = (entry.get(k) for k in ("q05", "q50", "q95"))
     if not (digits.is_number(q05) and digits.is_number(q50) and digits.is_number(q95)):
         return digits.scale_for(None, unit), 3
-    # what is compatible with zero is scaled by its width: a median of 1e-9 is not meant in nano
-    scale = digits.scale_for(max(abs(q50), 0.3 * (q95 - q05)), unit)
+    scale = digits.scale_of(q05, q50, q95, unit)
     # of a skewed posterior the narrow side sets the digits
     narrow = min(q95 - q50, q50 - q05) or (q95 - q05) / 2
     return scale, digits.decimals_for(scale(narrow / 1.645))

@@ -1,9 +1,12 @@
 """Numbers and symbols as a person reads them."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
-from bayes_dea.report import digits, symbols, tables
+from bayes_dea.report import digits, figures_parameters, symbols, tables
 from bayes_dea.report.data import ResultData, specimen_of
 
 
@@ -55,6 +58,13 @@ def test_reading_gives_the_interval_two_digits() -> None:
     # what is compatible with zero takes the scale of its width
     scale, decimals = tables.reading({"unit": "m", "q05": -3e-6, "q50": 1e-9, "q95": 3e-6})
     assert (scale.unit, decimals) == ("µm", 1)
+
+
+def test_a_correlation_near_zero_is_drawn_as_what_it_is() -> None:
+    """A median of 2e-5 between -0.1 and 0.1 once had ticks of thousands beside a power of ten."""
+    draws = 0.06 * np.random.default_rng(1).standard_normal(4000)
+    data = SimpleNamespace(posterior={"rho": draws - np.median(draws) + 2e-5}, unit=lambda n: "1", plain=str)
+    assert figures_parameters._axis(cast(ResultData, data), "rho") == ("rho", digits.Scale(1.0, ""))
 
 
 @pytest.mark.parametrize(
