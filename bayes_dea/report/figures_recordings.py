@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,11 +113,16 @@ def fit_picture(r: RecordingData) -> Picture:
 
 
 def largest_departure(r: RecordingData) -> str:
-    """The block farthest from its prediction in units of the sd of its mean, in words."""
+    """The block farthest from its prediction in units of the sd of its mean, and how far chance takes it, in words."""
     with np.errstate(divide="ignore", invalid="ignore"):
         z = (r.observed - r.mean) / r.sd_block
-    worst = int(np.nanargmax(np.abs(z)))
-    return f"{digits.fixed(float(z[worst]), 1)} sd at {digits.significant(float(r.time_s[worst]), 3)} s"
+    worst, count = int(np.nanargmax(np.abs(z))), int(np.isfinite(z).sum())
+    # the median of the farthest of so many independent normal numbers
+    usual = -NormalDist().inv_cdf(-0.5 * math.expm1(math.log(0.5) / count))
+    return (
+        f"{digits.fixed(float(z[worst]), 1)} sd at {digits.significant(float(r.time_s[worst]), 3)} s (the farthest of "
+        f"{digits.fixed(count)}; by chance alone it is about ±{digits.fixed(usual, 1)})"
+    )
 
 
 def thinned_dots(shown: NDArray, z: NDArray, most: int = _MOST_POINTS) -> NDArray:
