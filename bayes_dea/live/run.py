@@ -30,7 +30,7 @@ from .reader import Batch, Reader
 from .sequential import SequentialSettings
 from .setup import Bench, read_bench, read_device
 from .shield import shielded
-from .summary import beliefs, posterior_bytes
+from .summary import beliefs, lateness, posterior_bytes
 
 LIVE_FILE = "live.json"
 POSTERIOR_FILE = "posterior.nc"
@@ -507,5 +507,5 @@ class _Run:
                         "sha256": hashlib.sha256(content).hexdigest()}],
             "approximation": learner.approximation(),
             "mains": learner.mains.found if learner.mains is not None else [],
-            "warnings": [*self.warnings, *learner.notes()],
+            "warnings": [*self.warnings, *lateness(self.lags, _LATE_S, self.late_until_s), *learner.notes()],
         }

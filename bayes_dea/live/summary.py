@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,22 @@ def posterior_bytes(learner: Learner, draws: Array, quantities: Mapping[str, Arr
         coords={"chain": [0], "draw": np.arange(len(draws)), "coordinate": list(learner.posterior.names)},
     ).assign_attrs({"model": learner.model.name, "seed": seed, "version": version})
     return netcdf_bytes(arviz().InferenceData(posterior=data))
+
+
+def lateness(lags_s: Sequence[float], allowed_s: float, until_s: float | None) -> list[str]:
+    """What to say of a posterior that was behind its samples by more than is allowed, more often than 1 in 100.
+
+    lags_s: of every update. until_s: device's time of the last one that was late.
+    """
+    late = sum(lag > allowed_s for lag in lags_s)
+    if until_s is None or late <= len(lags_s) / 100:
+        return []
+    return [
+        f"The posterior was more than {allowed_s:g} s behind its samples in {100 * late / len(lags_s):.3g} % of its "
+        f"updates, by {max(lags_s):.3g} s at worst and for the last time at {until_s:.4g} s of the device's time: what "
+        "it said until then, alarms too, came that late. No sample is left out for it. Fewer --particles, a "
+        "simpler --model or a slower sampling keeps up."
+    ]
 
 
 def words(summary: Mapping[str, Any]) -> str:
