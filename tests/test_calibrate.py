@@ -12,7 +12,7 @@ from short_runs import short_settings
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
-from bayes_dea.calibration import _notes
+from bayes_dea.calibration import _notes, _notes_on_lags
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
@@ -61,6 +61,14 @@ def check_contract(s):
         assert is_number(r["rmse_N"] if r["channel"] == "force" else r["rmse_m"])
         assert r["elpd"] is None or is_number(r["elpd"])
         assert r["role"] == "identify" or is_number(r["elpd"])
+
+
+@pytest.mark.parametrize(
+    ("spec", "told"), [("pz3+series_resistance", True), ("pz3", False), ("hooke+gm3+series_resistance", False)]
+)
+def test_a_black_box_is_told_to_take_a_part_of_an_electrical_lag(spec, told):
+    notes = _notes_on_lags(bd.build_model(spec))
+    assert [("R_s_ohm" in n and "too low" in n) for n in notes] == [True] * told
 
 
 def test_json_of_a_converged_run(converged, voltage_campaign):
