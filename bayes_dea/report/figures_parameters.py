@@ -22,7 +22,8 @@ _MOST = 30  # quantities in one picture
 
 
 def _axis(data: ResultData, name: str) -> tuple[str, digits.Scale]:
-    scale = digits.scale_of(*np.quantile(data.posterior[name], [0.05, 0.5, 0.95]).tolist(), data.unit(name))
+    q05, q50, q95 = (float(q) for q in np.quantile(data.posterior[name], [0.05, 0.5, 0.95]))
+    scale = digits.scale_of(q05, q50, q95, data.unit(name))
     symbol = data.plain(name)
     return (f"{symbol} / {scale.unit}" if scale.unit else symbol), scale
 
