@@ -504,7 +504,7 @@ def _notes_on_lags(model: Model) -> list[str]:
 
     A stack follows a part of its stress at once; a process model of more poles than zeros (Eq. 13) can only come near
     with a fast pole, and what that lags is missing from R C. On steps to 1200 V at 1 kHz, R C = 3 ms and readings of
-    4.7 um, a pole with the prior of Tp_3_s takes 5 +- 3 % of it.
+    4.7 um, a pole with the prior of Tp_3_s takes 5 +- 3 % of it (tests/models/test_lag_beside_a_black_box.py).
     """
     if not (model.is_black_box and "series_resistance" in model.spec.effects):
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -301,53 +302,55 @@ def _periodic(t: Array, v: Array) -> tuple[str, float, float, float, float] | No
 # -- mechanics ----------------------------------------------------------------------------------------------------
 
 
-def _pieces(values: Array) -> tuple[Array, float]:
-    """Means of 1/200 of the record each, and the sd that noise leaves in one."""
+class _Pieces(NamedTuple):
+    """A signal in 200 pieces: their means, the sd that noise leaves in one, and the span of the whole."""
+
+    means: Array
+    noise: float
+    span: float
+
+
+def _pieces(values: Array) -> _Pieces:
     v = filled(values)
     edges = np.linspace(0, v.size, min(200, v.size) + 1).astype(int)
-    return np.add.reduceat(v, edges[:-1]) / np.diff(edges), scatter(v) / np.sqrt(max(1.0, float(np.diff(edges).mean())))
+    lengths = np.diff(edges)
+    noise = scatter(v) / float(np.sqrt(max(1.0, float(lengths.mean()))))
+    return _Pieces(np.add.reduceat(v, edges[:-1]) / lengths, noise, span(v))
 
 
-def _moves(values: Array, share: float) -> NDArray[np.bool_]:
-    """Where a signal moves by more than its noise and `share` of its span in 1/200 of the record."""
-    means, noise = _pieces(values)
-    return np.abs(np.diff(means)) > max(share * span(filled(values)), 5.0 * noise)
+def _moves(signal: _Pieces, share: float) -> NDArray[np.bool_]:
+    """Where it moves by more than its noise and `share` of its span from one piece to the next."""
+    return np.abs(np.diff(signal.means)) > max(share * signal.span, 5.0 * signal.noise)
 
 
-def moving_share(values: Array) -> float:
-    """Part of the time during which a signal moves by more than its noise and 0.2 % of its span in 1/200 of the
-    record.
-    """
-    return float(np.mean(_moves(values, 0.002)))
-
-
-def _drifts(length: Array, force: Array) -> tuple[float, float]:
+def _drifts(length: _Pieces, force: _Pieces) -> tuple[float, float]:
     """How far each goes on, in shares of its span, during the longest stretch in which neither leaps.
 
     The one that is held stays where it is, the other creeps or relaxes; 0 for what noise could be.
     """
     leaps = np.flatnonzero(_moves(length, 0.02) | _moves(force, 0.02))
-    bounds = np.concatenate([[-1], leaps, [_pieces(length)[0].size - 1]])
+    bounds = np.concatenate([[-1], leaps, [length.means.size - 1]])
     longest = int(np.argmax(np.diff(bounds)))
     first, last = int(bounds[longest]) + 1, int(bounds[longest + 1]) + 1
     tenth = max(1, (last - first) // 10)
     out = []
-    for values in (length, force):
-        means, noise = _pieces(values)
+    for means, noise, whole in (length, force):
         drift = abs(float(means[last - tenth : last].mean() - means[first : first + tenth].mean()))
-        out.append(drift / span(filled(values)) if drift > 5.0 * noise * np.sqrt(2.0 / tenth) else 0.0)
+        out.append(drift / whole if drift > 5.0 * noise * (2.0 / tenth) ** 0.5 else 0.0)
     return out[0], out[1]
 
 
 def mechanical_shape(length: Array, force: Array) -> Shape:
     """relaxation (length held), load (force held) or compression (both move), from who holds still.
 
-    Where both do for most of the time, the one that is held is the one that does not drift meanwhile.
+    What moves by more than its noise and 0.2 % of its span is not still. Where both are for most of the time, the one
+    that is held is the one that does not drift meanwhile.
     """
-    moves_length, moves_force = moving_share(length), moving_share(force)
+    x, f = _pieces(length), _pieces(force)
+    moves_length, moves_force = (float(np.mean(_moves(signal, 0.002))) for signal in (x, f))
     held = moves_length <= moves_force
     if max(moves_length, moves_force) < 0.3:
-        drift_length, drift_force = _drifts(length, force)
+        drift_length, drift_force = _drifts(x, f)
         if drift_length != drift_force:
             held = drift_length < drift_force
     if moves_length < 0.3 and held:

@@ -172,7 +172,7 @@ def answer(
         "bands": {
             f"{channel}_qNN_{unit}": f"the {channel} itself{shown}: uncertainty of the parameters alone",
             f"reading_qNN_{unit}": "one reading of the sensor: parameters, its gain as calibrated, the offset of a new "
-            f"recording {_before(zeroed)}, and the noise of one sample",
+            "recording, and the noise of one sample",
         },
         "largest": _largest(given, found.mean, found.parameters),
         "sensor": about,
@@ -190,10 +190,6 @@ def answer(
         "warnings": list(dict.fromkeys(notes)),
     }
     return SignalPrediction(channel, unit, given.column, given.time_s, given.values, found, summary)
-
-
-def _before(zeroed: bool) -> str:
-    return "whose sensor was zeroed just before" if zeroed else "whose sensor was not zeroed before"
 
 
 def effects_of_the_sensor(model: Model) -> list[str]:

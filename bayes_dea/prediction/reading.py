@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..campaign.schema import Sensor
+from ..noise.stated import noise_terms
 from .bands import Reading
 from .calibrated import Calibrated
 
@@ -33,7 +35,6 @@ def reading_of(
     quantisation = float(sensor.get("resolution") or 0.0) / np.sqrt(12.0)
     if sigma is not None and gain is not None and fitted:
         noise, g = sigma[rows], gain[rows]
-        offset = float(noise.mean()) if zeroed else _offset_sd(sensor, fitted, float(noise.mean()))
         if not zeroed and sensor.get("accuracy") is None:
             notes.append(
                 f"[sensor.{channel}] states no accuracy: the offset of a reading is nearly free, and so is its band. "
@@ -48,8 +49,9 @@ def reading_of(
         return None, {}
     else:
         noise, g = np.full(len(rows), float(sensor["fluctuation"])), np.zeros(len(rows))
-        offset = float(noise[0]) if zeroed else _offset_sd(sensor, [], float(noise[0]))
         source = "as stated; no recording of it was fitted"
+    stated = Sensor(sensor.get("fluctuation"), sensor.get("accuracy"), sensor.get("resolution"))
+    offset = _offset_sd(stated, zeroed, fitted, float(noise.mean()))
     about = {
         "noise_sd": float(noise.mean()),
         "offset_sd": offset,
@@ -61,12 +63,12 @@ def reading_of(
     return Reading(g, np.sqrt(noise**2 + offset**2 + quantisation**2)), about
 
 
-def _offset_sd(sensor: Mapping[str, Any], fitted: Sequence[Mapping[str, Any]], noise_sd: float) -> float:
-    """Sd of the offset of a recording whose sensor was not zeroed before.
+def _offset_sd(sensor: Sensor, zeroed: bool, fitted: Sequence[Mapping[str, Any]], noise_sd: float) -> float:
+    """Sd of the offset of a new recording: its prior, as in a calibration.
 
-    The rectangular limits of the stated accuracy (GUM, JCGM 100:2008, 4.3.7); without one, the widest prior among the
-    recordings that were fitted. Never below the noise, to which zeroing would bring it.
+    Where no accuracy is stated and nothing was zeroed that prior hangs on the recordings of a campaign: the widest
+    among the fitted ones then.
     """
-    if sensor.get("accuracy") is not None:
-        return max(float(sensor["accuracy"]) / np.sqrt(3.0), noise_sd)
-    return max([noise_sd, *(float(r.get("offset_prior_sd") or 0.0) for r in fitted)])
+    if sensor.accuracy is None and not zeroed:
+        return max([noise_sd, *(float(r.get("offset_prior_sd") or 0.0) for r in fitted)])
+    return noise_terms(sensor, zeroed, 0.0, estimated_sd=noise_sd).offset_sd
