@@ -148,11 +148,14 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
         monkeypatch.setattr(module, "refit", lambda *_, **__: None)
     monkeypatch.setattr(reread, "_expected_chi2", lambda *_: float("inf"))
     monkeypatch.setattr(prove, "held_out", lambda *_: [])
+    for told_by_prior in ("own_index", "_untold"):
+        monkeypatch.setattr(prove, told_by_prior, lambda *_: ())
     monkeypatch.setattr(ask, "separation", lambda *_: 1.0)
 
     @dataclass(frozen=True)
     class Pieces:
         pieces: tuple = ()
+        model: object = None
 
     pieces = tuple(SimpleNamespace(name=n, channel="displacement", nodes=None) for n in "abcd")
     fit = SimpleNamespace(problem=Pieces(pieces), q=None, noise=None, clean=[None] * 4, slopes=[None] * 4)
