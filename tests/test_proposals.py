@@ -1,6 +1,7 @@
 """Every command and option that the tool, its pages or its READMEs tell somebody to type exists."""
 
 import ast
+import functools
 import importlib.util
 import re
 import subprocess
@@ -46,11 +47,12 @@ def strings(path: Path) -> list[str]:
     return out
 
 
-def texts() -> list[tuple[str, str]]:
+@functools.cache
+def texts() -> tuple[tuple[str, str], ...]:
     """(file, text) of all that somebody may read."""
     out = [(str(p.relative_to(ROOT)), t) for p in tracked("bayes_dea/*.py") for t in strings(p)]
     pages = [p for p in tracked("*.md", "bayes_dea/*.j2", "bayes_dea/*.toml", "priors/*.toml", "runs/*.toml")]
-    return out + [(str(p.relative_to(ROOT)), p.read_text(encoding="utf-8")) for p in pages]
+    return (*out, *((str(p.relative_to(ROOT)), p.read_text(encoding="utf-8")) for p in pages))
 
 
 def commands(text: str) -> list[tuple[str, list[str]]]:

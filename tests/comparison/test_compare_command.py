@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from bayes_dea import cli
+
 
 @pytest.fixture(scope="module")
 def folder(campaign, tmp_path_factory, compared):
@@ -35,8 +37,10 @@ def test_terminal_summary_fits_80_columns(compared):
     ("models", "said"),
     [("hooke+gm3", "two models or more"), ("hooke+gm3,hooke+gmm2", "is unknown"), ("hooke,hooke", "named twice")],
 )
-def test_wrong_lists_end_with_one_line_and_status_2(command, models, said, tmp_path):
-    done = command("compare", str(tmp_path), "--models", models, "--out", str(tmp_path / "out"))
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+def test_wrong_lists_end_with_one_line_and_status_2(monkeypatch, capsys, models, said, tmp_path):
+    monkeypatch.setattr("sys.argv", ["bayes-dea", "compare", str(tmp_path), "--models", models, "--out",
+                                     str(tmp_path / "out")])
+    assert cli._run() == 2
+    message = capsys.readouterr().err
+    assert said in message
+    assert len(message.strip().splitlines()) == 1

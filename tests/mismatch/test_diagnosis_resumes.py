@@ -24,6 +24,7 @@ def numbers(summary):
     return json.dumps({k: v for k, v in summary.items() if not k.startswith("seconds")}, sort_keys=True)
 
 
+@pytest.mark.long  # test_kills_other_verbs.py stops a smaller one wherever chance has it
 def test_an_interrupted_diagnosis_ends_at_the_same_numbers(diagnosed, tmp_path, monkeypatch):
     whole = diagnosed("series_resistance", RESISTOR["series_resistance"])
     file = tmp_path / "checkpoint.jsonl"

@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed
 
 from bayes_dea.mismatch import verdict as verdicts
-from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.timing import Shift
 from bayes_dea.mismatch.verdict import FALSE_ALARMS, Fact, silent, verdict_of
 from bayes_dea.mismatch.words import statement
@@ -99,11 +97,10 @@ def test_pairs_that_were_tried_do_not_make_recordings_silent(naming):
     {"sensor_clipping": {"y_max_m": 1.5e-4, "clip_noise": 1.0}},
     {"series_resistance": {"R_s_ohm": 1.2e5}},
 ], ids=["drift", "clipping", "resistance"])  # fmt: skip
-def test_the_corrected_model_with_its_priors_is_the_one_that_was_fitted(effects):
+def test_the_corrected_model_with_its_priors_is_the_one_that_was_fitted(effects, diagnosed):
     """A drift as large as the sensor's accuracy allows is far beyond the prior file's; calibrate has to know that."""
-    campaign = concealed(effects)
-    result = diagnose(campaign, "hooke+gm3", seed=1)
-    (name,) = effects
+    ((name, parameters),) = effects.items()
+    result = diagnosed(name, parameters)
     s = result.summary
     assert s["verdict"] == name
     told = dict(parse_override(f"{n}={text}") for n, text in s["corrected_priors"].items())
