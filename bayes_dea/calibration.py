@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings as python_warnings
 from collections.abc import Mapping
@@ -554,4 +555,17 @@ def _notes(
                     f"stated accuracy allows ({allowed}): the {what} stands in for something that is left out, or the "
                     "statement is wrong."
                 )
-    return out
+    return out + _notes_on_elpd(predictions)
+
+
+def _notes_on_elpd(predictions: list[Prediction]) -> list[str]:
+    """Which fitted recordings have no ELPD: weights of the draws do not lead to a posterior without them."""
+    unknown = {p.name: p.pareto_k for p in predictions if p.role == "identify" and p.elpd is None}
+    if not unknown:
+        return []
+    worst = max((k for k in unknown.values() if k is not None), default=math.inf)
+    return [
+        f"{', '.join(unknown)}: what would be known without {'it' if len(unknown) == 1 else 'each of them'} is too far "
+        f"from this posterior to be had by weighting its draws (Pareto k up to {worst:.2g}, {LARGEST_K} is allowed): "
+        "the ELPD is not known. On recordings with role validate it always is."
+    ]

@@ -118,7 +118,8 @@ def overrides(prior: list[str] | None, file: Path | None) -> dict[str, Parameter
         try:
             name, value = parse_override(text)
         except InputError as error:
-            raise InputError(f"--prior {text!r}: {error}") from error
+            said = str(error)  # of the text, or of the prior that it makes
+            raise InputError(f"--{said}" if f"'{text}'" in said else f"--prior '{text}': {said}") from error
         if name in told:
             raise InputError(f"--prior {told[name]!r} and --prior {text!r}: {name} is given twice; give one of them")
         told[name], out[name] = text, value
