@@ -77,7 +77,7 @@ def calibrate(
     settings: CalibrationSettings | None = None,
     priors: Mapping[str, Parameter | Prior] | None = None,
     report: Report | None = None,
-    checkpoint: Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Calibration:
     """Calibrate a model on the recordings with role "identify" and predict all.
 
@@ -116,7 +116,7 @@ def calibrate(
         assembled.search_groups if model.spec.effects else None,
         say,
         clock.lap,
-        checkpoint,
+        None if checkpoint is None else Path(checkpoint),
     )
     sampling, posterior, emulation = sampled.result, sampled.exact, sampled.emulation
     log_evidence = sampled.log_evidence

@@ -440,8 +440,9 @@ def parameter_from_table(name: str, table: Mapping[str, Any], where: str) -> Par
                      table.get("signed", False))
 
 
-def read_prior_file(path: Path) -> dict[str, Parameter]:
-    """All parameters of one prior file."""
+def read_prior_file(path: str | Path) -> dict[str, Parameter]:
+    """All parameters of one prior file. Raises InputError for a file that is not there or is none."""
+    path = Path(path)
     try:
         text = parse_toml(path.read_text(encoding="utf-8"), str(path))
     except FileNotFoundError:

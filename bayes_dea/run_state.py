@@ -30,15 +30,15 @@ class Checkpoints:
     own: list[Path] = field(default_factory=list)
 
 
-def checkpoint_for(folder: Path | Checkpoints, identity: Mapping[str, Any]) -> Path:
+def checkpoint_for(folder: str | Path | Checkpoints, identity: Mapping[str, Any]) -> Path:
     """Path of the sampler's checkpoint for this very run: same input, model, seed and settings, same name.
 
     Checkpoints of other runs are left alone: a slip in the command must not cost the hours of the run before.
     """
     text = json.dumps({**identity, "version": __version__}, sort_keys=True, default=str)
     name = f"{_PREFIX}{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"
-    if isinstance(folder, Path):
-        return folder / name
+    if not isinstance(folder, Checkpoints):
+        return Path(folder) / name
     folder.own.append(folder.folder / name)
     return folder.own[-1]
 

@@ -152,9 +152,9 @@ def save_calibration(calibration: Calibration, out: Path, report: bool = True, t
     return out
 
 
-def load_posterior(folder: Path) -> Any:
+def load_posterior(folder: str | Path) -> Any:
     """InferenceData of a result folder. Raises InputError when it is not there or not readable."""
-    path = folder / POSTERIOR_FILE
+    path = Path(folder) / POSTERIOR_FILE
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; is {folder} the --out of a calibration?")
     try:

@@ -3,6 +3,7 @@
 import ast
 import io
 import re
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -14,6 +15,7 @@ import pytest
 from short_runs import short_settings
 
 import bayes_dea as bd
+from bayes_dea.priors import prior_folder
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 
@@ -117,6 +119,39 @@ def test_simulate_answers_a_step_as_the_network_must():
     # GKV(1) with the same function of the data
     with pytest.raises(bd.InputError, match="needs values for tau_1_s"):
         bd.simulate(model, {"Y_Pa": 1.2e6, "k_1_Pa": 0.3e6}, recording)
+
+
+def test_folders_and_files_may_be_given_as_text(unconverged, voltage_campaign, tmp_path, monkeypatch):
+    from bayes_dea.live.driver import read_command
+    from bayes_dea.live.follow import make_learner
+    from bayes_dea.live.setup import read_bench, read_device
+    from bayes_dea.run_state import checkpoint_for
+
+    folder = str(shutil.copytree(unconverged.folder, tmp_path / "result"))
+    assert "Y_Pa" in bd.load_posterior(folder).posterior
+    assert bd.write_report(folder, interactive=False) == tmp_path / "result" / "report.html"
+    assert "Y_Pa" in bd.read_prior_file(str(prior_folder() / "hooke.toml"))
+    recording = str(voltage_campaign / "sine_1Hz.csv")
+    for given in (recording, [recording]):
+        found = bd.import_files(given, str(tmp_path / "imported"), overwrite=True)
+        assert found.toml == tmp_path / "imported" / "campaign.toml"
+    assert read_command(recording, bd.Actuator("a", max_voltage_V=1200.0)).time_s.size > 100
+    device = tmp_path / "device.toml"
+    device.write_text("[device]\n", encoding="utf-8")
+    with pytest.raises(bd.InputError, match=r"device\.toml, \[device\]: order is missing"):
+        read_device(str(device))
+    assert checkpoint_for(str(tmp_path), {}).parent == tmp_path
+    bench = read_bench(voltage_campaign)
+    make_learner(bd.build_model("hooke+gm2"), bench, start=folder)
+    with pytest.raises(bd.InputError, match=r"there is no such file"):
+        make_learner(bd.build_model("hooke+gm2"), bench, start=str(tmp_path))
+    campaign = bd.load_campaign(str(voltage_campaign))
+    monkeypatch.chdir(tmp_path)
+    quick = short_settings(max_steps=100, predictive_draws=20)
+    with pytest.warns(bd.NotConvergedWarning):
+        bd.calibrate(campaign, "hooke", settings=quick, checkpoint="kept.npz")
+    assert (tmp_path / "kept.npz").is_file()
+    bd.diagnose(campaign, "hooke", checkpoint="journal.npz")
 
 
 def test_build_model_with_overrides():

@@ -78,7 +78,7 @@ def compare(
     settings: ComparisonSettings | None = None,
     priors: Mapping[str, Parameter | Prior] | None = None,
     report: Report | None = None,
-    checkpoints: Path | Checkpoints | None = None,
+    checkpoints: str | Path | Checkpoints | None = None,
     anew: bool = False,
     again: Sequence[str] = (),
 ) -> Comparison:
@@ -297,7 +297,7 @@ def integral_settings(model: Model, s: ComparisonSettings) -> IntegralSettings:
 
 def _bridge_the_near(
     done: Mapping[str, Done], data: CommonData, built: Mapping[str, Model], seed: int, s: ComparisonSettings,
-    say: Report, checkpoints: Path | Checkpoints | None, anew: bool,
+    say: Report, checkpoints: str | Path | Checkpoints | None, anew: bool,
 ) -> dict[str, Done]:
     """The evidences that decide once more, from a run of the sampler and a bridge; the two have to agree."""
     values = {n: d.whole.log_value for n, d in done.items() if np.isfinite(d.whole.log_value)}

@@ -34,7 +34,7 @@ class FitSettings:
 
 def fitted_beliefs(
     campaign: Campaign, models: Mapping[str, Model], seed: int, settings: FitSettings, say: Say,
-    checkpoints: Path | Checkpoints | None = None, anew: bool = False,
+    checkpoints: str | Path | Checkpoints | None = None, anew: bool = False,
 ) -> tuple[list[Belief], tuple[str, ...]]:
     """A belief of each model, by name, and warnings about the recordings.
 

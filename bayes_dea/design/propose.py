@@ -84,7 +84,7 @@ def propose(
     settings: ProposalSettings | None = None,
     priors: Mapping[str, Parameter | Prior] | None = None,
     report: Report | None = None,
-    checkpoints: Path | Checkpoints | None = None,
+    checkpoints: str | Path | Checkpoints | None = None,
     anew: bool = False,
 ) -> Proposals:
     """Rank the experiments that a bench could do next by what they are expected to teach per hour of bench time.
@@ -169,7 +169,7 @@ def check_request(
 def _known(
     campaign: Campaign, purpose: str, model: str | None, models: str | Sequence[str] | None, source: str | Path | None,
     seed: int, s: ProposalSettings, priors: Mapping[str, Parameter | Prior] | None, say: Report,
-    checkpoints: Path | Checkpoints | None, anew: bool,
+    checkpoints: str | Path | Checkpoints | None, anew: bool,
 ) -> tuple[list[Belief], Named, list[str]]:
     """Beliefs of the models in question, their probabilities, and warnings."""
     fit = FitSettings(s.workers, s.draws)
@@ -216,7 +216,8 @@ def _concerned(
 
 def _compared(
     campaign: Campaign, models: str | Sequence[str] | None, seed: int, s: ProposalSettings,
-    priors: Mapping[str, Parameter | Prior] | None, say: Report, checkpoints: Path | Checkpoints | None, anew: bool,
+    priors: Mapping[str, Parameter | Prior] | None, say: Report, checkpoints: str | Path | Checkpoints | None,
+    anew: bool,
 ) -> tuple[list[Belief], Named, list[str]]:
     """The structures compared here; those that hold the probability are the hypotheses."""
     from ..comparison.run import ComparisonSettings, compare

@@ -95,10 +95,10 @@ def read_tables(path: Path | None) -> tuple[dict[str, Any], Actuator]:
 
 
 def import_files(
-    given: Sequence[Path],
-    out: Path,
+    given: str | Path | Sequence[str | Path],
+    out: str | Path,
     ask: Asker = nobody,
-    actuator: Path | None = None,
+    actuator: str | Path | None = None,
     copy: bool = False,
     overwrite: bool = False,
     report: Callable[[str, float, float, str], None] | None = None,
@@ -110,11 +110,12 @@ def import_files(
     InputError for files that are not there, that are damaged, or where no file holds a table of numbers; and where
     `out` holds a campaign already and `overwrite` is not said.
     """
+    out = Path(out)
     toml = out / TOML_NAME
     if toml.exists() and not overwrite:
         raise InputError(f"{toml}: is there already. Give another --out, or --overwrite to replace it.")
-    files = find_files(given)
-    tables, known = read_tables(actuator)
+    files = find_files([Path(p) for p in ([given] if isinstance(given, str | Path) else given)])
+    tables, known = read_tables(None if actuator is None else Path(actuator))
     found: list[RawTable] = []
     skipped: list[tuple[Path, str]] = []
     say = report or (lambda *_: None)

@@ -56,12 +56,12 @@ def limit_of(actuator: Actuator, own_V: float | None = None) -> float:
     return own_V
 
 
-def read_command(path: Path, actuator: Actuator, own_V: float | None = None) -> Command:
+def read_command(path: str | Path, actuator: Actuator, own_V: float | None = None) -> Command:
     """A command file (columns time_s, voltage_V), checked against the limit of the actuator and the user's own.
 
     Raises InputError naming the file's row that goes beyond it, or that cannot be read.
     """
-    limit = limit_of(actuator, own_V)
+    path, limit = Path(path), limit_of(actuator, own_V)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)

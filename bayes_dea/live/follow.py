@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,7 @@ def make_learner(model: Model, bench: Bench, seed: int = 1, settings: LearnerSet
     """The learner for a model; start: folder of an earlier posterior. Raises InputError for a model that cannot be
     followed live, or another one's posterior."""
     if start is not None:
+        start = Path(start)
         check_start(model, start)  # before anything is driven
     if model.is_linear:
         return Learner(model, bench, seed, settings, start)

@@ -56,9 +56,9 @@ class LiveSettings:
     patience_s: float = 30.0
     zero: bool = False
     play: str | None = None
-    command: Path | None = None
-    device: Path | None = None
-    start: Path | None = None
+    command: str | Path | None = None
+    device: str | Path | None = None
+    start: str | Path | None = None
     learner: LearnerSettings = LearnerSettings()
     adaptive: AdaptiveSettings | None = None
     max_voltage_V: float | None = None

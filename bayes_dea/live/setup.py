@@ -56,10 +56,11 @@ def read_bench(path: Path) -> Bench:
     return Bench(str(content.get("name", path.resolve().parent.name)), actuator, sensor, hold, content)
 
 
-def read_device(path: Path | None) -> LineFormat | None:
+def read_device(path: str | Path | None) -> LineFormat | None:
     """The `[device]` table of a TOML file: how a device of another make writes its lines. None: CONTRACT 6."""
     if path is None:
         return None
+    path = Path(path)
     content = _toml(path)
     if not isinstance(content.get("device"), dict):
         raise InputError(f"{path}: there is no [device] table")

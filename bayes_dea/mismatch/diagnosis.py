@@ -95,7 +95,7 @@ def diagnose(
     settings: DiagnosisSettings | None = None,
     report: Report | None = None,
     priors: Mapping[str, Any] | None = None,
-    checkpoint: Path | None = None,
+    checkpoint: str | Path | None = None,
 ) -> Diagnosis:
     """Find where a model and recordings differ, name the physics that was left out, and prove the repair.
 
@@ -113,7 +113,7 @@ def diagnose(
         own, priors = parted(model, priors or {})
         model = build_model(model, own)
     began = time.perf_counter()
-    journal = Journal(checkpoint)
+    journal = Journal(None if checkpoint is None else Path(checkpoint))
     try:
         with threadpool_limits(1):  # products of a few hundred rows: threads would wait for each other
             first = _once(campaign, model, seed, s, say, priors, journal)

@@ -41,7 +41,7 @@ class RecordingView:
     live: live_plot.Live | None = None
 
 
-def write_report(folder: Path, interactive: bool = True, report: Report | None = None) -> Path:
+def write_report(folder: str | Path, interactive: bool = True, report: Report | None = None) -> Path:
     """Draw report.html from calibration.json and posterior.nc in `folder` and return its path.
 
     interactive: measured against predicted can be zoomed to single samples; without, the page holds pictures alone

@@ -30,7 +30,7 @@ def address(text: str) -> tuple[str, int]:
 def serve_bench(
     tcp: str | None = None,
     *,
-    link: Path | None = None,
+    link: str | Path | None = None,
     rate_Hz: float = 1000.0,
     speed: float = 1.0,
     seconds: float | None = None,
@@ -57,6 +57,6 @@ def serve_bench(
     sheet = SensorSheet(noise_scale * 4.7e-6, 19.4e-6, 0.15e-6)
     made = Material.drawn(np.random.default_rng(seed)) if material == "drawn" else Material()
     machine = Machine(DeviceSettings(rate_Hz, seed, material=made, sensor=sheet, faults=parse_faults(faults)))
-    port = TcpPort(*address(tcp)) if tcp is not None else PtyPort(link)
+    port = TcpPort(*address(tcp)) if tcp is not None else PtyPort(None if link is None else Path(link))
     announce(port.name)
     serve(machine, port, speed, seconds, stop)
