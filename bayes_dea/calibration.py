@@ -439,6 +439,7 @@ def _summary(
                 "noise_floor": p.noise_floor,
                 "r2": p.r2,
                 "chi2_reduced": p.chi2_reduced,
+                "chi2_by_chance": p.chi2_by_chance,
                 "coverage_50": p.coverage_50,
                 "coverage_90": p.coverage_90,
                 "pit_p_value": p.pit_p_value,
@@ -541,7 +542,7 @@ def _notes(
                 "prior's."
             )
     for p in predictions:
-        if p.chi2_reduced > 1.5 and p.rmse > 0:
+        if p.chi2_reduced > max(1.5, p.chi2_by_chance) and p.rmse > 0:
             out.append(
                 f"{p.name}: the model misses it by {_in_words(p.rmse, p.channel)} RMS where the noise is "
                 f"{_in_words(p.noise_floor, p.channel)} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."

@@ -7,7 +7,7 @@ taken at every sample; the draws themselves are kept as block means, short after
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +25,7 @@ from .likelihood.prepare import Prepared
 from .models.electrostatics import voltage_drive
 from .models.missing_drive import drive_values
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
+from .noise.floor import Floor, chi2_by_chance, common_rho, floors
 from .page_data import PageData, PageSettings, reduce_recording
 from .predict_blocks import Simulated, predict_blocks
 
@@ -69,6 +70,7 @@ class Prediction:
     spectrum: dict[str, list[float]] = field(repr=False, default_factory=dict)
     histogram: list[float] = field(repr=False, default_factory=list)  # PIT counts in twenty bins
     page: PageData | None = field(repr=False, default=None)  # samples near edges and bins, for zooming
+    chi2_by_chance: float = 1.0  # the largest reduced chi^2 that what is known of the floor allows
 
 
 def conditional_gain(posterior: Posterior, q: NDArray) -> dict[tuple[str, str], tuple[NDArray, NDArray]]:
@@ -126,12 +128,13 @@ def predict_all(
         (p, by_name[p.name][0], child)
         for p, child in zip(assembled.prepared, rng.spawn(len(assembled.prepared)), strict=True)
     ]
+    at_rest = _floors(posterior, assembled.prepared)
     done = 0
 
     def run(job: tuple) -> Prediction:
         nonlocal done
         p, group, child = job
-        result = _predict_one(assembled, posterior, group, p, draws, chosen, child)
+        result = _predict_one(assembled, posterior, group, p, draws, chosen, child, at_rest[p.name])
         done += 1
         if report is not None:
             report(done, len(jobs), p.name)
@@ -149,6 +152,7 @@ def _predict_one(
     draws: NDArray,
     chosen: NDArray,
     rng: np.random.Generator,
+    at_rest: tuple[Floor, float],
 ) -> Prediction:
     fitted = [f.name for f in group.fitted]
     zeros: dict[str, NDArray] = {}
@@ -220,7 +224,9 @@ def _predict_one(
     y = computed(lambda y, seen: np.where(seen, y, np.nan), p.y, p.observed)
     for part in pieces(y.size, BLOCK):
         residual[part] = y[part] - mean[part]
-    floor = p.quiet_sd if np.isfinite(p.quiet_sd) and p.quiet_sd > 0 else noise_sd
+    floor, rho_at_rest = at_rest
+    if not (np.isfinite(floor.sd) and floor.sd > 0):
+        floor = Floor(noise_sd)
     block_var = _block_variance(blocks, noise_sd, rho_mean)
     rows, replicated = found.rows, found.draws
     replicated += np.sqrt(found.offset_var + block_var[rows]) * rng.standard_normal(replicated.shape)
@@ -240,11 +246,11 @@ def _predict_one(
         metrics.rmse(residual),
         rmse_raw,
         metrics.r2(y, mean),
-        metrics.reduced_chi2(residual, floor),
+        metrics.reduced_chi2(residual, floor.sd),
         metrics.coverage(y, mean, sd, 0.5),
         metrics.coverage(y, mean, sd, 0.9),
         float(metrics.pit_uniformity(uniform).p_value),
-        floor,
+        floor.sd,
         elpd,
         k,
         float(added[0]),
@@ -275,6 +281,7 @@ def _predict_one(
             p.sensor.resolution,
             PageSettings.shared(len(assembled.prepared)),
         ),
+        chi2_by_chance(floor, p.n, rho_at_rest),
     )
 
 
@@ -294,6 +301,20 @@ def _simulated(
         return lambda part: vectors @ responses[part].T
     X = group.simulate(group.record(p.name), group.inputs(posterior.model, z), zero)
     return lambda part: X[:, part]
+
+
+def _floors(posterior: Posterior, prepared: Sequence[Prepared]) -> dict[str, tuple[Floor, float]]:
+    """Noise floor of each recording and the correlation of its readings at rest, by name."""
+    alike: dict[tuple[str, int], list[Prepared]] = {}
+    for p in prepared:
+        alike.setdefault((p.channel, _rate_of(posterior, p.channel, p)), []).append(p)
+    out = {}
+    for several in alike.values():
+        counts = [p.quiet_n for p in several]
+        rho = common_rho([p.quiet_rho for p in several], counts)
+        for p, floor in zip(several, floors([p.quiet_sd for p in several], counts, rho), strict=True):
+            out[p.name] = floor, rho
+    return out
 
 
 def _rate_of(posterior: Posterior, channel: str, p: Prepared) -> int:

@@ -199,13 +199,19 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
     assert tight.parameters["Y_Pa"]["contraction"] < 0.5
 
 
-def test_what_is_left_out_is_told_in_units_that_people_use():
-    def recording(name, channel, rmse, noise, offset):
-        return SimpleNamespace(name=name, channel=channel, rmse=rmse, noise_floor=noise, chi2_reduced=1.9, gain=-0.5,
-                               offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1)
+def _quiet_arguments():
+    """What `_notes` asks first, of a run about which there is nothing to say."""
+    model = SimpleNamespace(name="hooke", reported=lambda _: {}, prior_draws=lambda *_: None)
+    return model, SimpleNamespace(agree=1, swarms=1), SimpleNamespace(converged=True), {}, {}
 
-    said = _notes(SimpleNamespace(name="hooke", reported=lambda _: {}, prior_draws=lambda *_: None),
-                  SimpleNamespace(agree=1, swarms=1), SimpleNamespace(converged=True), {}, {},
+
+def test_what_is_left_out_is_told_in_units_that_people_use():
+    def recording(name, channel, rmse, noise, offset, chance=1.1):
+        return SimpleNamespace(name=name, channel=channel, rmse=rmse, noise_floor=noise, chi2_reduced=1.9, gain=-0.5,
+                               chi2_by_chance=chance, offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1,
+                               role="validate", elpd=1.0)
+
+    said = _notes(*_quiet_arguments(),
                   [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, -2.4e-3),
                    recording("b.csv", "force", 0.0321, 4.95e-3, 12.0)])
     assert said[0].startswith("a.csv: the model misses it by 6.59 um RMS where the noise is 4.78 um (reduced")
@@ -215,6 +221,8 @@ def test_what_is_left_out_is_told_in_units_that_people_use():
     assert "allows (0.1)" in said[2]
     assert said[3].startswith("b.csv: the model misses it by 32.1 mN RMS where the noise is 4.95 mN (reduced")
     assert said[4].startswith("b.csv: its own offset came out at 12 N, 8 times what")
+    few = [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, 0.0, chance=2.1)]  # readings at rest, and correlated
+    assert not any("left out" in line and "misses" in line for line in _notes(*_quiet_arguments(), few))
 
 
 @pytest.mark.usefixtures("without_refits")

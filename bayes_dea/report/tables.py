@@ -185,14 +185,15 @@ class RecordingRow:
 
 def recording_rows(summary: Mapping[str, Any]) -> list[RecordingRow]:
     """Rows of the table of recordings, in the campaign's order."""
-    from .verdict import CHI2_HIGH, CHI2_LOW, COVERAGE_HIGH, COVERAGE_LOW
+    from .verdict import COVERAGE_HIGH, COVERAGE_LOW, chi2_limits
 
     rows = []
     for i, r in enumerate(summary["recordings"]):
         rmse, unit = rmse_of(r)
         scale = digits.scale_for(rmse, unit)
         chi2, cover = r.get("chi2_reduced"), r.get("coverage_90")
-        doubtful = (digits.is_number(chi2) and not CHI2_LOW <= chi2 <= CHI2_HIGH) or (
+        low, high = chi2_limits(r)
+        doubtful = (digits.is_number(chi2) and not low <= chi2 <= high) or (
             digits.is_number(cover) and not COVERAGE_LOW <= cover <= COVERAGE_HIGH
         )
 

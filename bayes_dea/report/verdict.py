@@ -90,12 +90,20 @@ def _worst(recordings: list[Mapping[str, Any]]) -> Mapping[str, Any] | None:
     return best if best is not None and ratio(best) > 0 else None
 
 
+def chi2_limits(recording: Mapping[str, Any]) -> tuple[float, float]:
+    """Between which values a reduced chi^2 is a detail, or chance where few readings say what the noise is."""
+    chance = recording.get("chi2_by_chance")
+    wide = float(chance) if digits.is_number(chance) else 1.0
+    return min(CHI2_LOW, 1.0 / wide), max(CHI2_HIGH, wide)
+
+
 def _left_out(recordings: list[Mapping[str, Any]]) -> tuple[bool, str]:
     chi2 = {r["recording"]: r["chi2_reduced"] for r in recordings if digits.is_number(r.get("chi2_reduced"))}
     if not chi2:
         return False, ""
-    high = sorted((n for n, c in chi2.items() if c > CHI2_HIGH), key=lambda n: -chi2[n])
-    low = sorted((n for n, c in chi2.items() if c < CHI2_LOW), key=lambda n: chi2[n])
+    limits = {r["recording"]: chi2_limits(r) for r in recordings}
+    high = sorted((n for n, c in chi2.items() if c > limits[n][1]), key=lambda n: -chi2[n])
+    low = sorted((n for n, c in chi2.items() if c < limits[n][0]), key=lambda n: chi2[n])
     if high:
         others = f" and {len(high) - 1} more" if len(high) > 1 else ""
         return True, (

@@ -62,6 +62,9 @@ def test_not_converged_gives_no_ess(make_result: Make, tmp_path: Path) -> None:
     [
         ({}, "good", "nothing stands out by its size (reduced χ² 1.00; diagnose looks closer)"),
         ({"chi2_reduced": 5.4}, "check", "something seems to be left out on"),
+        ({"chi2_reduced": 1.9, "chi2_by_chance": 2.1}, "good", "nothing stands out by its size"),
+        ({"chi2_reduced": 2.2, "chi2_by_chance": 2.1}, "check", "something seems to be left out on"),
+        ({"chi2_reduced": 0.5, "chi2_by_chance": 2.1}, "good", "nothing stands out by its size"),
         ({"chi2_reduced": 0.2}, "check", "seems overstated (reduced χ² 0.20"),
         ({"coverage_90": 0.6, "role": "validate"}, "check", "the bands are too narrow"),
         ({"coverage_90": 0.99, "role": "validate"}, "check", "the bands are too wide"),
