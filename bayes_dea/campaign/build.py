@@ -21,6 +21,7 @@ from bayes_dea.campaign.specimens import check_specimens
 from bayes_dea.campaign.statements import check_statements
 from bayes_dea.campaign.stiffness import check_stiffness
 from bayes_dea.campaign.time_units import check_named_frequencies, check_time_units
+from bayes_dea.campaign.uneven import uneven_warnings
 from bayes_dea.campaign.unused import unused_warnings
 from bayes_dea.campaign.vocabulary import COLUMNS
 from bayes_dea.errors import InputError
@@ -108,7 +109,7 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     if together and used["plausibility"] == "error":
         raise InputError(f"{together[0]} {OVERRIDE}")
     collected += together + check_time_units(found) + check_named_frequencies(found)
-    collected += hole_warnings(found, places) + gap_warnings(found, places)
+    collected += uneven_warnings(found) + hole_warnings(found, places) + gap_warnings(found, places)
     collected += unused_warnings(found, sensors or {})
     if used["memory"] == "continued":
         collected += _not_continued(found)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayes_dea.campaign.checks import first_row
-from bayes_dea.campaign.holes import holes_in, some_steps
+from bayes_dea.campaign.holes import some_steps
 from bayes_dea.campaign.schema import Actuator, Recording, Sensor
 from bayes_dea.campaign.scratch import computed, pieces
 from bayes_dea.campaign.settings import MAX_FIELD
@@ -53,7 +53,7 @@ def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None =
     problems: list[str] = []
     warnings: list[str] = []
     if recording.kind != "capacitance" and "time_s" in recording.columns:
-        _time(recording, problems, warnings, where)
+        _time(recording, problems, warnings)
     if "voltage_V" in recording.columns:
         _voltage(recording, problems, warnings, where)
     if "displacement_m" in recording.columns:
@@ -93,7 +93,7 @@ def _structured(values: NDArray[np.float64]) -> bool:
     return float(np.concatenate([np.diff(x) for x in stretches]).std()) / np.sqrt(2) < 0.5 * spread
 
 
-def _time(r: Recording, problems: list[str], warnings: list[str], where: Callable[[int], str]) -> None:
+def _time(r: Recording, problems: list[str], warnings: list[str]) -> None:
     time = r.time_s
     steps = some_steps(time)
     median = float(np.median(steps))
@@ -116,11 +116,6 @@ def _time(r: Recording, problems: list[str], warnings: list[str], where: Callabl
         elif frequency > 1.2 * limit:
             warnings.append(f"{r.name}: the voltage alternates at about {frequency:.3g} Hz, above "
                             f"max_frequency_Hz = {limit:g}.")
-    # of holes it is said that they are holes (`holes`)
-    if median > 0 and np.mean(np.abs(steps - median) > 0.2 * median) > 0.01 and not holes_in(time).size:
-        low, high = float(steps.min()), float(steps.max())
-        warnings.append(f"{r.name}: time_s is uneven (steps from {low:.4g} to {high:.4g} s, median "
-                        f"{median:.4g} s); the times are used as they stand.")
 
 
 def dominant_frequency(voltage: NDArray[np.float64], time_s: NDArray[np.float64]) -> float:

@@ -172,6 +172,21 @@ def test_uneven_time_and_holes_are_told(folder, data, as_csv):
     assert any("uneven" in w for w in campaign.warnings)
 
 
+@pytest.mark.parametrize(("count", "lines"), [(1, 1), (3, 3), (4, 1)])
+def test_uneven_times_of_many_recordings_are_one_line(folder, data, as_csv, count, lines):
+    def uneven(k):
+        columns = data(seed=k)
+        columns["time_s"] = columns["time_s"] + (0.01 + 0.002 * k) * (np.arange(200) % 2)
+        return as_csv(columns)
+
+    files = {f"r{k}.csv": uneven(k) for k in range(count)}
+    recordings = "".join(f'[[recording]]\nfile = "{f}"\nkind = "creep"\n' for f in files)
+    said = [w for w in load_campaign(folder(recordings, files)).warnings if "uneven" in w]
+    assert len(said) == lines
+    if count == 4:
+        assert "in 4 of 4 recordings, the most in r3.csv (steps from 0.034 to 0.066 s" in said[0]
+
+
 def test_memory_may_be_continued_throughout(folder, data, as_csv):
     files = {f"r{k}.csv": as_csv(data(seed=k)) for k in range(4)}
     extra = ("", "", "rested = true\n", 'specimen = "B"\n')
