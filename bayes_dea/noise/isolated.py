@@ -34,6 +34,8 @@ _AS_LARGE = 0.9
 #: how often larger than the largest but one of its neighbours an outlier must be; beside a run, neighbours of so many
 #: sds are noise, however large
 _CONTRAST, _NOISE = 2.5, 3.5
+#: rows on either side of a run in which one goes the other way where all three swing, and by what share of it
+_NEAR, _OTHER_WAY = 26, 0.35
 #: rows put before the first and behind the last
 _PAD = 9
 #: least part of the size of a run that each of its rows shows
@@ -87,7 +89,9 @@ def isolated_outliers(
       that only;
     - it lies that far outside of the range of the medians of three rows before and after (of a run: six), and misses
       the straight continuations of both sides: steps, kinks and decays are not flagged;
-    - it is 2.5 times as large as all but one of its neighbours (of a run: or these are noise): ringing is not flagged;
+    - it is 2.5 times as large as all but one of its neighbours (of a run: or these are noise), and of a run there is
+      not one of its length within 26 rows before, and one after, that goes the other way by a third of it: ringing is
+      not flagged;
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
@@ -188,7 +192,27 @@ def _alone(x: Array, at: NDArray[np.int64], length: int, limit: float, sd: float
     out = (size > limit) & kinked
     second = _second(x, at[out], length, left[out], right[out])
     out[out] = (size[out] > _CONTRAST * second) | ((length > 1) & (second < _NOISE * sd))
+    if length > 1:
+        out[out] = ~_swings(x, at[out], length)
     return out
+
+
+def _swings(x: Array, at: NDArray[np.int64], length: int) -> NDArray[np.bool_]:
+    """Which runs (k,) lie between others of their length that go the other way by a third of it.
+
+    The crests of a ring do, and where it is small no single one of their neighbours stands out of the noise. Off what
+    is usual there: next to a false reading on a level, that level is nothing that goes the other way.
+    """
+
+    def within(far: int) -> Array:
+        return x[np.clip(at[:, None] + np.arange(-far, length + far), 0, x.size - 1)]
+
+    near = within(_NEAR) - np.median(within(_REACH), axis=1)[:, None]
+    means = np.lib.stride_tricks.sliding_window_view(near, length, axis=1).mean(axis=2)
+    own = means[:, _NEAR]
+    means = np.sign(own)[:, None] * means
+    before, after = means[:, : _NEAR - length + 1].min(axis=1), means[:, _NEAR + length :].min(axis=1)
+    return np.asarray(np.maximum(before, after) < -_OTHER_WAY * np.abs(own))
 
 
 def _returns(

@@ -259,3 +259,19 @@ def test_what_a_delay_leaves_behind_the_only_step_of_a_wave_is_no_false_reading(
     x[501:507] -= 1e-4
     flagged = isolated_outliers(r, t, 4e-6, 0.0, recurrence(u, 0.1), elsewhere=[(x, up)])
     assert not flagged.any()
+
+
+@pytest.mark.parametrize("half_period", [3, 5, 8.3, 11, 16])
+def test_a_ring_that_dies_away_is_no_false_reading(half_period):
+    """What a wrong mass leaves behind the only step of a creep: where it has come down to a few sds, half periods of
+    eight rows were taken for runs of false readings, though none of their neighbours stands out."""
+    rng = np.random.default_rng(11)
+    n = 6000
+    u = np.where(np.arange(n) < 500, 0.0, 1000.0)
+    at = np.arange(n) - 500
+    flagged = 0
+    for _ in range(30):
+        swing = np.cos(np.pi * at / half_period + rng.uniform(0.0, 2 * np.pi)) * np.exp(-at / 60.0)
+        r = noise(n, 0.0, rng) + np.where(at >= 0, 60e-6 * swing, 0.0)
+        flagged += found(r, recurrence(u, 0.0)).size > 0
+    assert flagged == 0
