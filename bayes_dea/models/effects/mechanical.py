@@ -184,9 +184,9 @@ class Inertia(Effect):
     null = None
 
     def explain(self, values: Mapping[str, float]) -> str:
-        """One sentence with frequency and damping."""
-        return (f"the moving mass was left out: it resonates at {values['f_1_Hz']:.3g} Hz with a damping ratio of "
-                f"{values['zeta']:.2g}")
+        """One sentence with frequency and damping, which are those of the mass on the spring Y alone."""
+        return (f"the moving mass was left out: on the spring Y alone it resonates at {values['f_1_Hz']:.3g} Hz with a "
+                f"damping ratio of {values['zeta']:.2g} (the other branches shift what rings in the recordings)")
 
     def write(self, plant: MutableMapping[str, Any], values: Mapping[str, float]) -> None:
         """See `Effect.write`."""
