@@ -33,6 +33,8 @@ _LOOKED_AT, _OF_A_WAVE = 200_000, 0.2
 _CROSSINGS = 6
 #: faster than this an actuator may swing against its drive (resonance), and a sign says nothing
 _SLOW_HZ = 5.0
+#: rows of a pull, and the standard deviations of a sensor beyond which it is one
+_ROWS_PULLED, _PULLS_SDS = 10, 5.0
 #: share of the voltage that an actuator takes from which on it is driven
 _DRIVES = 0.02
 #: time constants with which the answer may lag behind the drive when its sign is judged, in s
@@ -61,6 +63,8 @@ def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None =
         _sign(recording, sensors or {}, problems)
     if "position_m" in recording.columns:
         _mechanical(recording, problems, warnings)
+        if "force_N" in recording.columns:
+            _pulled(recording, (sensors or {}).get("force", Sensor()), warnings)
     _temperature(recording, problems)
     if problems and strict:
         raise InputError(f"{problems[0]} {OVERRIDE}")
@@ -340,6 +344,27 @@ def _lagged(t: NDArray[np.float64], drive: NDArray[np.float64], lag: float) -> N
         state = drive[i] + keep[i] * (state - drive[i])
         out[i] = state
     return out
+
+
+def _pulled(r: Recording, sensor: Sensor, warnings: list[str]) -> None:
+    """Whether a recording of compression is one of tension at times: a specimen that sticks to the plates, or is glued.
+
+    The median of ten rows in a row counts, against five standard deviations and what a sensor may be off.
+    """
+    if r.kind not in ("compression", "relaxation") or sensor.fluctuation is None:
+        return
+    force = r.columns["force_N"]
+    lowest, highest = np.inf, float(np.nanmax(force))
+    for part in pieces(force.size):
+        here = force[part][np.isfinite(force[part])]
+        if here.size >= _ROWS_PULLED:
+            rows = np.lib.stride_tricks.sliding_window_view(here, _ROWS_PULLED)[:: _ROWS_PULLED // 2]
+            lowest = min(lowest, float(np.median(rows, axis=1).min()))
+    if lowest < -(_PULLS_SDS * sensor.fluctuation + (sensor.accuracy or 0.0)) and highest > -lowest:
+        warnings.append(f"{r.name}: force_N falls to {lowest:.3g} N, a pull beyond what the sensor may be off. Models "
+                        "take the plates to lift off where nothing presses: of a specimen that sticks to them or is "
+                        "glued, keep the rows that press, or preload it; of a load cell that was not zeroed, take its "
+                        "reading without contact off (offset in [format]).")
 
 
 def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:

@@ -71,3 +71,21 @@ def test_a_unit_is_named_with_its_remedy(recordings, odd, unit):
 def test_what_materials_and_benches_do_is_no_unit(recordings):
     assert check_stiffness(recordings, SENSORS) == []
     assert check_stiffness(recordings, {}) == []
+
+
+@pytest.mark.parametrize(("pull_N", "said"), [(0.0, False), (0.03, False), (0.3, True)])
+def test_a_specimen_that_is_pulled_is_told(pull_N, said):
+    """Glued to the plates, it pulls where models let them lift off: a force that no offset of the sensor explains."""
+    r = press("a", air_m=1e-3)
+    force = r.columns["force_N"] - pull_N * np.clip(1.0 - np.abs(T - 19.0), 0.0, 1.0)
+    glued = recording_from_arrays("a", "compression", {**r.columns, "force_N": force}, actuator=STACK)
+    sensors = {**SENSORS, "force": Sensor(5e-3, 0.02)}
+    warned = [w for w in campaign_from_recordings([glued, relax("b")], sensors).warnings if "a pull" in w]
+    assert len(warned) == said
+    if said:
+        assert warned[0].startswith("a: force_N falls to -0.29")
+        assert "keep the rows that press, or preload it" in warned[0]
+    # without a statement on the sensor nothing is claimed, and tension is tension
+    assert not any("a pull" in w for w in campaign_from_recordings([glued], {}).warnings)
+    film = recording_from_arrays("a", "compression", {**r.columns, "force_N": -r.columns["force_N"]}, actuator=STACK)
+    assert not any("a pull" in w for w in campaign_from_recordings([film], sensors).warnings)
