@@ -121,6 +121,7 @@ def test_simulate_answers_a_step_as_the_network_must():
         bd.simulate(model, {"Y_Pa": 1.2e6, "k_1_Pa": 0.3e6}, recording)
 
 
+@pytest.mark.usefixtures("without_refits")
 def test_folders_and_files_may_be_given_as_text(unconverged, voltage_campaign, tmp_path, monkeypatch):
     from bayes_dea.live.driver import read_command
     from bayes_dea.live.follow import make_learner
@@ -151,7 +152,6 @@ def test_folders_and_files_may_be_given_as_text(unconverged, voltage_campaign, t
     with pytest.warns(bd.NotConvergedWarning):
         bd.calibrate(campaign, "hooke", settings=quick, checkpoint="kept.npz")
     assert (tmp_path / "kept.npz").is_file()
-    bd.diagnose(campaign, "hooke", checkpoint="journal.npz")
 
 
 def test_build_model_with_overrides():
