@@ -444,6 +444,7 @@ def _summary(
                 "coverage_90": p.coverage_90,
                 "pit_p_value": p.pit_p_value,
                 "elpd": p.elpd,
+                "elpd_unknown": _why_no_elpd(p),
                 "pareto_k": p.pareto_k,
                 "offset": p.offset,
                 "gain": p.gain,
@@ -556,17 +557,15 @@ def _notes(
                     f"stated accuracy allows ({allowed}): the {what} stands in for something that is left out, or the "
                     "statement is wrong."
                 )
-    return out + _notes_on_elpd(predictions)
+    return out
 
 
-def _notes_on_elpd(predictions: list[Prediction]) -> list[str]:
-    """Which fitted recordings have no ELPD: weights of the draws do not lead to a posterior without them."""
-    unknown = {p.name: p.pareto_k for p in predictions if p.role == "identify" and p.elpd is None}
-    if not unknown:
-        return []
-    worst = max((k for k in unknown.values() if k is not None), default=math.inf)
-    return [
-        f"{', '.join(unknown)}: what would be known without {'it' if len(unknown) == 1 else 'each of them'} is too far "
-        f"from this posterior to be had by weighting its draws (Pareto k up to {worst:.2g}, {LARGEST_K} is allowed): "
-        "the ELPD is not known. On recordings with role validate it always is."
-    ]
+def _why_no_elpd(p: Prediction) -> str | None:
+    """Why a fitted recording has no ELPD; None where it has one."""
+    if p.elpd is not None:
+        return None
+    return (
+        f"what would be known without it is too far from this posterior to be had by weighting its draws (Pareto k "
+        f"{math.inf if p.pareto_k is None else p.pareto_k:.2g}, {LARGEST_K} is allowed); on a recording with role "
+        "validate the ELPD is always known"
+    )

@@ -12,7 +12,7 @@ from short_runs import short_settings
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
-from bayes_dea.calibration import _notes, _notes_on_elpd, _notes_on_lags
+from bayes_dea.calibration import _notes, _notes_on_lags, _why_no_elpd
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
@@ -60,6 +60,7 @@ def check_contract(s):
         assert is_number(r["rmse_m"]) == (r["channel"] == "displacement")
         assert is_number(r["rmse_N"] if r["channel"] == "force" else r["rmse_m"])
         assert r["elpd"] is None or is_number(r["elpd"])
+        assert (r["elpd_unknown"] is None) == (r["elpd"] is not None)
         assert r["role"] == "identify" or is_number(r["elpd"])
 
 
@@ -71,14 +72,10 @@ def test_a_black_box_is_told_to_take_a_part_of_an_electrical_lag(spec, told):
     assert [("R_s_ohm" in n and "too low" in n) for n in notes] == [True] * told
 
 
-def test_recordings_without_an_elpd_are_named_with_the_reason():
-    fitted = [SimpleNamespace(name=f"{n}.csv", role="identify", elpd=e, pareto_k=k)
-              for n, e, k in (("a", None, 0.93), ("b", 12.0, 0.3), ("c", None, 0.71))]
-    kept = SimpleNamespace(name="d.csv", role="validate", elpd=3.0, pareto_k=None)
-    (said,) = _notes_on_elpd([*fitted, kept])
-    assert said.startswith("a.csv, c.csv: what would be known without each of them")
-    assert "Pareto k up to 0.93, 0.7 is allowed" in said
-    assert not _notes_on_elpd([fitted[1], kept])
+def test_where_an_elpd_is_not_known_the_reason_is():
+    unknown, known = (SimpleNamespace(elpd=e, pareto_k=k) for e, k in ((None, 0.93), (12.0, 0.3)))
+    assert "Pareto k 0.93, 0.7 is allowed" in _why_no_elpd(unknown)
+    assert _why_no_elpd(known) is None
 
 
 def test_json_of_a_converged_run(converged, voltage_campaign):
