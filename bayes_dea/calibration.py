@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import warnings as python_warnings
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ from .likelihood.posterior import Posterior
 from .likelihood.remembering import forget
 from .models.chain import maxwell_form
 from .models.model import Model, build_model
+from .noise.floor import chi2_limits
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
 from .quantities import contraction, gain_name, model_names, reported_quantities, statistics, to_converge
@@ -543,7 +543,7 @@ def _notes(
                 "prior's."
             )
     for p in predictions:
-        if p.chi2_reduced > max(1.5, p.chi2_by_chance) and p.rmse > 0:
+        if p.chi2_reduced > chi2_limits(p.chi2_by_chance)[1] and p.rmse > 0:
             out.append(
                 f"{p.name}: the model misses it by {_in_words(p.rmse, p.channel)} RMS where the noise is "
                 f"{_in_words(p.noise_floor, p.channel)} (reduced chi^2 {p.chi2_reduced:.3g}): something is left out."
@@ -566,6 +566,5 @@ def _why_no_elpd(p: Prediction) -> str | None:
         return None
     return (
         f"what would be known without it is too far from this posterior to be had by weighting its draws (Pareto k "
-        f"{math.inf if p.pareto_k is None else p.pareto_k:.2g}, {LARGEST_K} is allowed); on a recording with role "
-        "validate the ELPD is always known"
+        f"{p.pareto_k:.2g}, {LARGEST_K} is allowed); on a recording with role validate the ELPD is always known"
     )

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from .assemble import Assembled
 from .campaign.scratch import BLOCK, beside, computed, kept, pieces
 from .checks import metrics
+from .fit.reweigh import LARGEST_K
 from .forward import memory, simulate
 from .likelihood.block_group import BlockGroup
 from .likelihood.linear_group import LinearGroup, nuisance_sd
@@ -371,7 +372,7 @@ def _left_out(log_likelihood: NDArray) -> tuple[float | None, float | None]:
     value = np.asarray(weights) + log_likelihood
     top = value.max()
     elpd = float(top + np.log(np.sum(np.exp(value - top))))
-    return (elpd if k < 0.7 else None), k
+    return (elpd if k < LARGEST_K else None), k
 
 
 def _zero_of(assembled: Assembled, posterior: Posterior, p: Prepared, draws: NDArray) -> NDArray:

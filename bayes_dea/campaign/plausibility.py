@@ -63,8 +63,7 @@ def check_plausible(recording: Recording, sensors: Mapping[str, Sensor] | None =
         _sign(recording, sensors or {}, problems)
     if "position_m" in recording.columns:
         _mechanical(recording, problems, warnings)
-        if "force_N" in recording.columns:
-            _pulled(recording, (sensors or {}).get("force", Sensor()), warnings)
+        _pulled(recording, (sensors or {}).get("force", Sensor()), warnings)
     _temperature(recording, problems)
     if problems and strict:
         raise InputError(f"{problems[0]} {OVERRIDE}")

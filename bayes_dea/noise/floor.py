@@ -13,6 +13,8 @@ from .quiet import standard_errors
 _DIFFERS = 0.1
 #: standard errors within which a misfit is chance
 _CHANCE = 3.0
+#: reduced chi^2 beyond which a misfit (or a noise that is overstated) is no detail
+_HIGH, _LOW = 1.5, 0.6
 
 
 @dataclass(frozen=True)
@@ -60,3 +62,8 @@ def common_rho(rhos: Sequence[float], counts: Sequence[int]) -> float:
 def chi2_by_chance(floor: Floor, n: int, rho: float) -> float:
     """The largest reduced chi^2 of n readings that is chance: three standard errors of floor and scatter together."""
     return math.exp(2.0 * _CHANCE * math.hypot(floor.error, standard_errors([n], [rho])[0]))
+
+
+def chi2_limits(by_chance: float = 1.0) -> tuple[float, float]:
+    """Between which values a reduced chi^2 is a detail, or chance where few readings say what the noise is."""
+    return min(_LOW, 1.0 / by_chance), max(_HIGH, by_chance)

@@ -185,14 +185,14 @@ class RecordingRow:
 
 def recording_rows(summary: Mapping[str, Any]) -> list[RecordingRow]:
     """Rows of the table of recordings, in the campaign's order."""
-    from .verdict import COVERAGE_HIGH, COVERAGE_LOW, chi2_limits
+    from .verdict import COVERAGE_HIGH, COVERAGE_LOW, limits_of
 
     rows = []
     for i, r in enumerate(summary["recordings"]):
         rmse, unit = rmse_of(r)
         scale = digits.scale_for(rmse, unit)
         chi2, cover = r.get("chi2_reduced"), r.get("coverage_90")
-        low, high = chi2_limits(r)
+        low, high = limits_of(r)
         doubtful = (digits.is_number(chi2) and not low <= chi2 <= high) or (
             digits.is_number(cover) and not COVERAGE_LOW <= cover <= COVERAGE_HIGH
         )

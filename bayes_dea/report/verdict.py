@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..noise.floor import chi2_limits
 from . import digits
 from .data import rmse_of
 
-CHI2_HIGH, CHI2_LOW = 1.5, 0.6  # beyond, the misfit (or the stated noise) is no longer a detail
 COVERAGE_LOW, COVERAGE_HIGH = 0.85, 0.95
 
 
@@ -90,18 +90,17 @@ def _worst(recordings: list[Mapping[str, Any]]) -> Mapping[str, Any] | None:
     return best if best is not None and ratio(best) > 0 else None
 
 
-def chi2_limits(recording: Mapping[str, Any]) -> tuple[float, float]:
-    """Between which values a reduced chi^2 is a detail, or chance where few readings say what the noise is."""
+def limits_of(recording: Mapping[str, Any]) -> tuple[float, float]:
+    """`chi2_limits` of a recording; of results that do not say what chance allows, those without it."""
     chance = recording.get("chi2_by_chance")
-    wide = float(chance) if digits.is_number(chance) else 1.0
-    return min(CHI2_LOW, 1.0 / wide), max(CHI2_HIGH, wide)
+    return chi2_limits(float(chance)) if digits.is_number(chance) else chi2_limits()
 
 
 def _left_out(recordings: list[Mapping[str, Any]]) -> tuple[bool, str]:
     chi2 = {r["recording"]: r["chi2_reduced"] for r in recordings if digits.is_number(r.get("chi2_reduced"))}
     if not chi2:
         return False, ""
-    limits = {r["recording"]: chi2_limits(r) for r in recordings}
+    limits = {r["recording"]: limits_of(r) for r in recordings}
     high = sorted((n for n, c in chi2.items() if c > limits[n][1]), key=lambda n: -chi2[n])
     low = sorted((n for n, c in chi2.items() if c < limits[n][0]), key=lambda n: chi2[n])
     if high:

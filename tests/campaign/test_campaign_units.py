@@ -71,17 +71,16 @@ def test_times_in_another_unit_than_those_of_the_others_are_asked_about(data, un
     assert not campaign(1.0 / seconds, count=2)
 
 
-@pytest.mark.parametrize(("name", "times", "said"), [
-    ("sine_1Hz", 1000.0, "ms"), ("Sine 0,5 Hz", 1000.0, "ms"), ("tri_0p5hz_b", 1e6, "us"),
-    ("sine_500mHz", 1 / 60.0, "min"),
-    ("sine_1Hz", 1.0, ""),
-    ("sine_1Hz", 3.0, ""),  # another period than planned
-    ("sine", 1000.0, ""),
-    ("log_1000Hz", 1.0, ""),  # the sampling rate: the actuator is driven at 100 Hz at most
-    ("sine_1Hzb", 1000.0, ""),
+@pytest.mark.parametrize(("name", "written", "times", "said"), [
+    ("sine_1Hz", 1.0, 1000.0, "ms"), ("Sine 0,5 Hz", 0.5, 1000.0, "ms"), ("tri_0p5hz_b", 0.5, 1e6, "us"),
+    ("sine_500mHz", 0.5, 1 / 60.0, "min"),
+    ("sine_1Hz", 1.0, 1.0, ""),
+    ("sine_1Hz", 1.0, 3.0, ""),  # another period than planned
+    ("sine", 1.0, 1000.0, ""),
+    ("log_1000Hz", 1.0, 1.0, ""),  # the sampling rate: the actuator is driven at 100 Hz at most
+    ("sine_1Hzb", 1.0, 1000.0, ""),
 ])
-def test_times_in_another_unit_than_the_frequency_in_the_name_are_asked_about(name, times, said):
-    written = 0.5 if "0" in name and "log" not in name else 1.0
+def test_times_in_another_unit_than_the_frequency_in_the_name_are_asked_about(name, written, times, said):
     period_s = times / written
     time = np.linspace(0.0, 8.0 * period_s, 1601)
     voltage = 500.0 * (1.0 - np.cos(2 * np.pi * time / period_s))

@@ -67,8 +67,7 @@ def test_a_recording_of_another_actuator_is_found_and_named(plain):
     assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
-@pytest.mark.long  # test_leads.py has one either way
-@pytest.mark.parametrize("delay_s", [0.0002, 0.0006, 0.0007])
+@pytest.mark.parametrize("delay_s", [0.0002, *(pytest.param(d, marks=pytest.mark.long) for d in (0.0006, 0.0007))])
 def test_a_shift_below_one_sample_is_timing_and_no_physics(delay_s):
     """At 1 kHz: no hold convention, and yet not the bench's acquisition that is late, nor a mass that rings."""
     s = diagnose(concealed({"acquisition_delay": {"T_d_s": delay_s}}), "hooke+gm3").summary

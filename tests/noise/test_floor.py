@@ -32,7 +32,10 @@ def test_a_long_rest_speaks_for_itself_and_a_short_one_with_the_others():
 
 @pytest.mark.parametrize("rho", [0.0, 0.9])
 def test_what_chance_allows_is_passed_by_few(rho):
-    """Waves with a short rest beside three creeps; noise alone. Two-sided three standard errors: 0.3 % are beyond."""
+    """Waves with a short rest beside three creeps; noise alone.
+
+    Three standard errors: one in 740 is beyond, and more than one of 80 comes once in 180 times.
+    """
     rng = np.random.default_rng(3)
     limit_passed, old_passed, runs = 0, 0, 80
     drive = np.where(np.arange(1000) < 400, 0.0, 500.0 * np.sin(0.03 * np.arange(1000)))
