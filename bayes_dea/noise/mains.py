@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayes_dea.campaign.order import differences, median, of
 from bayes_dea.campaign.pace import pace_of
-from bayes_dea.campaign.scratch import BLOCK, all_finite, beside, computed, kept, pieces
+from bayes_dea.campaign.scratch import BLOCK, all_finite, beside, computed, kept, pieces, rows_where
 
 Array = NDArray[np.float64]
 #: rows first .. stop - 1 of a column
@@ -23,6 +23,9 @@ _SEGMENTS_S = (16.0, 128.0)
 _HIGHEST_HARMONIC = 8
 #: bins beyond which a Hann window shows nothing of a line
 _LEAK_BINS = 4.0
+#: a gap that counts (s), and the share of a recording in such gaps from which on only its longest stretch is looked at:
+#: a line drawn across a gap holds no mains, and no noise either
+_GAP_S, _MOST_GAPS = 0.2, 0.1
 
 
 @dataclass(frozen=True)
@@ -90,8 +93,8 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
     Parameters
     ----------
     y : output or residual, shape (n,); nan cells are bridged.
-    time_s : shape (n,), rising. Uneven steps are interpolated; where the sampler was slower for a while, the longest
-        stretch of the others is looked at.
+    time_s : shape (n,), rising. Uneven steps are interpolated; where the sampler was slower for a while, or much is
+        missing, the longest stretch of the others is looked at.
     u : drive, shape (n,).
     false_alarm : largest probability at which a line is believed.
     mask : True where y is not to be used (drop-outs).
@@ -156,7 +159,8 @@ def _harmonics(base: float, step: float) -> int:
 
 
 def on_even_steps(t: Array, y: Array, mask: ArrayLike | None = None) -> tuple[Array, Array]:
-    """Recording on even steps, without nan; nothing where too little was read."""
+    """Recording on even steps, without nan; nothing where too little was read. Where more than a tenth of it lies in
+    gaps it is the longest stretch between them."""
     good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), t, y, dtype=np.bool_)
     if mask is not None:
         good &= ~np.asarray(mask, dtype=bool)
@@ -167,6 +171,8 @@ def on_even_steps(t: Array, y: Array, mask: ArrayLike | None = None) -> tuple[Ar
     # lines through what was read at a slower pace have lines of their own
     fast, step = pace.longest_fast(tg.size), pace.step_s
     tg, yg = tg[fast], yg[fast]
+    whole = _longest_whole(tg)
+    tg, yg = tg[whole], yg[whole]
     if tg.size < 64:
         return np.empty(0), np.empty(0)
     if tg.size == t.size and max(float(np.max(np.abs(d - step))) for d in differences(tg)()) < 0.05 * step:
@@ -175,6 +181,16 @@ def on_even_steps(t: Array, y: Array, mask: ArrayLike | None = None) -> tuple[Ar
     for part in pieces(grid.size, BLOCK):
         grid[part] = tg[0] + step * np.arange(part.start, part.stop)
     return grid, _at(grid, tg, yg)
+
+
+def _longest_whole(t: Array) -> slice:
+    """Rows of the longest stretch between gaps where these are much of the times t (n,); else all rows."""
+    before = rows_where(lambda later, row: later - row > _GAP_S, t[1:], t[:-1])
+    if np.sum(t[before + 1] - t[before]) <= _MOST_GAPS * (t[-1] - t[0]):
+        return slice(0, t.size)
+    first, last = np.append(0, before + 1), np.append(before, t.size - 1)
+    longest = int(np.argmax(t[last] - t[first]))
+    return slice(int(first[longest]), int(last[longest]) + 1)
 
 
 def _at(grid: Array, t: Array, y: Array) -> Array:

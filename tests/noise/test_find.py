@@ -202,6 +202,17 @@ class TestMains:
         assert np.mean(amplitudes) == pytest.approx(1.0, abs=0.03)
         assert 0.7 < np.std(amplitudes) / np.mean([m.lines[0].amplitude_se for m in found]) < 1.4
 
+    @pytest.mark.parametrize(("rate", "before", "gap", "after"), [(1000, 8, 50, 0.3), (500, 60, 150, 60)])
+    def test_a_gap_is_neither_noise_nor_mains(self, rate, before, gap, after):
+        """White noise has no line beside a gap that is longer than what was read; a line has its size and frequency."""
+        t = np.concatenate([np.arange(0.0, before, 1 / rate), before + gap + np.arange(0.0, after, 1 / rate)])
+        for seed in range(10):
+            noise = np.random.default_rng(seed).standard_normal(t.size)
+            assert find_mains(noise, t, false_alarm=1e-6) is None
+            line, = find_mains(noise + 0.5 * np.cos(2 * np.pi * 50.02 * t + 0.3), t, false_alarm=1e-6).lines
+            assert abs(line.amplitude - 0.5) < 4 * line.amplitude_se < 0.2
+            assert line.frequency_Hz == pytest.approx(50.02, abs=0.01)
+
     @pytest.mark.parametrize("rho", [0.0, 0.8, 0.95])
     def test_false_alarms_are_as_stated(self, rho):
         rng = np.random.default_rng(15)
