@@ -142,6 +142,10 @@ def _unheard(what: str) -> str:
             "hand.")
 
 
+#: time that a device of another make, which does not answer, gets to zero its sensor
+_ZEROED_S = 1.0
+
+
 class Driver:
     """Starts, plays and stops. After a broken connection nothing is commanded any more.
 
@@ -171,6 +175,9 @@ class Driver:
         r, form = self._reader, self._reader.form
         if zero:
             r.ask(form.zero)
+            if r.foreign:
+                time.sleep(_ZEROED_S)
+        r.count()
         r.wanted = True
         if form.start:
             r.ask(form.start)

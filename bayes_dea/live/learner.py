@@ -330,7 +330,24 @@ class Learner:
 
     def notes(self) -> list[str]:
         """What a reader has to know."""
-        return self.mains.words() if self.mains is not None else []
+        return self._unknown() + (self.mains.words() if self.mains is not None else [])
+
+    @property
+    def left_out(self) -> int:
+        """Readings that taught nothing because nobody saw what the voltage did just before."""
+        return sum(s.left_out for s in list(self._sessions.values()))
+
+    def _unknown(self) -> list[str]:
+        out = []
+        for number, sums in list(self._sessions.items()):
+            if sums.left_out:
+                spans = ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in sums.unknown)
+                out.append(
+                    f"session {number}: {sums.left_out} samples do not count ({spans} of the device's time): what the "
+                    "voltage did while nothing was received is not known, and what that left behind has to die away "
+                    "first, for ten times as long. They are on disk all the same"
+                )
+        return out
 
     # ------------------------------------------------------------ inside
     def _prepare(self) -> None:

@@ -49,9 +49,10 @@ class Batch:
 class Reader(threading.Thread):
     """Reads `url` (anything that pyserial opens) until `finish`.
 
-    Samples go to `batches`, answers (OK .., ERR ..) to `answers`. `lost`: set at the first lost connection, never
-    cleared. `ended`: the device's programme has come to its end. `error`: what ended the thread. `foreign`: the device
-    is of another make; what is not told to it, it does not do.
+    zeroed: the sensor is zeroed first, and samples count from `count` on. Samples go to `batches`, answers (OK ..,
+    ERR ..) to `answers`. `lost`: set at the first lost connection, never cleared. `ended`: the device's programme has
+    come to its end. `error`: what ended the thread. `foreign`: the device is of another make; what is not told to it,
+    it does not do.
     """
 
     def __init__(self, url: str, baud: int, form: LineFormat | None, journal: Journal, zeroed: bool = False,
@@ -61,6 +62,7 @@ class Reader(threading.Thread):
         self.form = form or own_format()
         self.foreign = form is not None
         self.zeroed = zeroed
+        self._counts = not zeroed  # a device that streams by itself shows its old zero until it is told
         self.batches: queue.SimpleQueue[Batch] = queue.SimpleQueue()
         self.answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.ended, self.lost, self._finish = threading.Event(), threading.Event(), threading.Event()
@@ -122,6 +124,10 @@ class Reader(threading.Thread):
                 return answer
         raise BayesDEAError(f"{self.url}: no answer to '{words}' within {timeout_s:g} s; is it the right port and baud "
                             "rate?")
+
+    def count(self) -> None:
+        """Samples count from now on. Until then those of a reader that was told `zeroed` are passed over."""
+        self._counts = True
 
     def finish(self) -> None:
         """End the thread and close the port."""
@@ -224,7 +230,9 @@ class Reader(threading.Thread):
             if not line:
                 continue
             sample = parse_sample(line, self.form)
-            if not isinstance(sample, str):
+            if not isinstance(sample, str) and not self._counts:
+                self._fragment, self.sample_at = False, now
+            elif not isinstance(sample, str):
                 self._fragment = False
                 self._in_order(sample, line, rows, now)
             elif line.startswith(comment):

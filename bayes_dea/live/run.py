@@ -172,13 +172,19 @@ def _follow(
     run = _Run(out, make_learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
     last = run.recover(resume)
     warm_up(built, bench, s.learner)
-    reader = Reader(port, s.baud, form, run.journal, s.zero, s.patience_s, last)
+    zero = s.zero and last is None  # in the middle of a session it would be a step, and no rest is known of
+    if s.zero and not zero:
+        run.warnings.append(
+            "--zero is not sent again where a run goes on: it would be a step in the middle of a session. Samples go "
+            "on with the zero that they began with; those of a device that was restarted have an offset of their own"
+        )
+    reader = Reader(port, s.baud, form, run.journal, zero, s.patience_s, last)
     driver = Driver(reader, bench.actuator, s.play, command, s.max_voltage_V, s.adaptive is not None)
     reader.start()
     began = time.perf_counter()
     try:
         try:
-            driver.begin(s.zero)
+            driver.begin(zero)
             run.follow(reader, driver, stop)
             run.complete = True
         finally:
@@ -480,7 +486,7 @@ class _Run:
             "model": learner.model.name,
             "campaign": learner.bench.name,
             "samples": self.received,
-            "learned_samples": learner.samples,
+            "learned_samples": learner.samples - learner.left_out,
             "lost_samples": learner.lost,
             "bad_lines": self.journal.bad_lines,
             "masked_samples": learner.masked,

@@ -61,6 +61,8 @@ class SessionSums:
         self.last_beyond = np.zeros((0, beyond))  # those of the last rows that were taken in
         self._doubt_s = doubt_s  # length of an unknown stretch before the first row
         self._until = -np.inf
+        self.left_out = 0  # readings that do not count for what nobody saw
+        self.unknown: list[tuple[float, float]] = []  # stretches of time (s) from such a gap to where readings count
         self._last_t = self._last_V = 0.0
         self._seen: Array | None = None  # last observed row
         self._seen_t = 0.0
@@ -104,14 +106,16 @@ class SessionSums:
         used = V_before if self.hold == "start" else voltage_V
         stress = self.scale * used**2
         observed = np.isfinite(y) & ~masked
+        could = observed
         if begins and self._doubt_s > 0:
-            self._until = time_s[0] + _FORGET * self._doubt_s
-        observed &= time_s >= self._until
+            self._doubtful(float(time_s[0]), float(time_s[0]) + _FORGET * self._doubt_s)
+        observed = observed & (time_s >= self._until)
         gaps = np.flatnonzero(dt > 1.5 * self.step_s)
         self.lost += int(np.sum(np.maximum(whole[gaps] - 1, 0)))
         for i in gaps[(dt[gaps] > _SHORT_GAP_S) & (np.abs(voltage_V[gaps] - V_before[gaps]) > 0.5)]:
-            self._until = max(self._until, time_s[i] + _FORGET * dt[i])
+            self._doubtful(float(time_s[i]), max(self._until, float(time_s[i] + _FORGET * dt[i])))
             observed &= ~((time_s >= time_s[i]) & (time_s < self._until))
+        self.left_out += int(np.count_nonzero(could & ~observed))
         # row 0 of the kernel is the row before: it only carries its input
         lags = np.empty((n + 1, K))
         middle = self.scale * (0.5 * (voltage_V + V_before)) ** 2
@@ -129,6 +133,13 @@ class SessionSums:
         self._last_t, self._last_V = float(time_s[-1]), float(voltage_V[-1])
         self.rows += n
         return self._pair(self._without(F[observed], time_s[observed], lines_Hz), time_s[observed], y[observed])
+
+    def _doubtful(self, from_s: float, until_s: float) -> None:
+        """Readings between do not count; stretches that meet are one."""
+        if self.unknown and from_s <= self.unknown[-1][1]:
+            from_s = self.unknown.pop()[0]
+        self.unknown.append((from_s, until_s))
+        self._until = until_s
 
     def _without(self, G: Array, t: Array, lines_Hz: tuple[float, ...]) -> Array:
         """Rows projected off the cosine and sine of each line."""
