@@ -35,9 +35,9 @@ _AT_NOTHING = 0.01
 class Prepared:
     """One recording with its masks and its disturbances.
 
-    y (n,): observed column, NaN where not observed. observed (n,) bool: neither gap nor drop-out, nor a reading that a
-    sensor holds for a while (`stuck` of them), nor one that answers a drive that was not recorded, nor the first one of
-    a recording that begins under voltage.
+    y (n,): observed column, NaN where not observed and where a sensor had lost its target. observed (n,) bool: neither
+    gap nor drop-out, nor a reading that a sensor holds for a while (`stuck` of them), nor one that answers a drive that
+    was not recorded, nor the first one of a recording that begins under voltage.
     """
 
     recording: Recording
@@ -134,6 +134,7 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     """
     from ..noise.dropouts import find_dropouts
     from ..noise.flat import stuck_rows
+    from ..noise.lost import find_lost, without_lost
     from ..noise.mains import find_mains
     from ..noise.quiet import quiet_noise
 
@@ -153,7 +154,10 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     drive = course.values
     # drop-outs are a fault of laser sensors; a force that leaps for a sample may be real
     if channel == "displacement":
-        dropouts = find_dropouts(y, drive, resolution=sensor.resolution)
+        off_target = find_lost(y, drive, resolution=sensor.resolution)
+        y = without_lost(y, off_target)
+        single = find_dropouts(y, drive, resolution=sensor.resolution)
+        dropouts = computed(np.logical_or, off_target, single, dtype=np.bool_)
     else:
         dropouts = beside(y, np.bool_)
     observed = computed(lambda a, out: np.isfinite(a) & ~out, y, dropouts, dtype=np.bool_)

@@ -20,11 +20,12 @@ from ...gauss_newton.whitening import Noise
 from ...models.missing_drive import driven
 from ...noise.dropouts import find_dropouts
 from ...noise.limit import find_limit, near_limit
+from ...noise.lost import find_lost, without_lost
 from .outliers import without
 from .own_offset import offset_and_gain
 
 if TYPE_CHECKING:
-    from ...campaign.schema import Campaign
+    from ...campaign.schema import Campaign, Recording
 
 Array = NDArray[np.float64]
 
@@ -56,11 +57,17 @@ def sensor_limit(campaign: Campaign) -> Limit | None:
     """The limit of the displacement sensor over all recordings, those to validate too: it is a fact of the sensor."""
     sensor = campaign.sensors.get("displacement")
     resolution = (sensor.resolution if sensor is not None else None) or 0.0
-    own = [r.columns["displacement_m"] for r in campaign.recordings if r.is_voltage]
+    own = [_on_target(r, resolution) for r in campaign.recordings if r.is_voltage]
     value = find_limit(own, resolution)
     if value is None:
         return None
     return Limit(value, sum(int(near_limit(y, value, resolution, 0).sum()) for y in own), resolution)
+
+
+def _on_target(recording: Recording, resolution: float) -> NDArray[np.float64]:
+    """Readings (n,) of a displacement, with gaps where the sensor had lost its target."""
+    y = np.asarray(recording.columns["displacement_m"], dtype=float)
+    return without_lost(y, find_lost(y, driven(recording).values, resolution=resolution))
 
 
 def cut_out(campaign: Campaign, limit: Limit) -> Campaign:

@@ -1,0 +1,140 @@
+"""A sensor that loses its target: readings that nothing between the rows before and after can have been."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..campaign.scratch import BLOCK, beside, pieces, rows_where
+from .edges import find_edges
+
+Array = NDArray[np.float64]
+
+#: levels of the input that readings are sorted by, the quantiles of a level between which its readings lie, and how
+#: many of them a level has to have for others to be judged by
+_LEVELS, _LOW, _HIGH, _KNOWN = 24, 0.1, 0.9, 20
+#: spans by which a reading lies beyond all others: a mass that swings on a step goes to twice the step, at most
+_BEYOND = 2.0
+#: share of the readings that may be lost; with more of them it is not known which are
+_MOST = 0.05
+#: what a held value has to jump by on either side: in sds of what noise changes from row to row, in resolution steps,
+#: as a share of what is spanned, and in the largest changes of the rows beside it
+_SDS, _STEPS, _SHARE, _CHANGES = 20.0, 5.0, 1e-3, 4.0
+#: rows beside a jump whose changes are looked at, and rows around it in which the input does not jump
+_BESIDE, _QUIET = 5, 5
+#: the same before jumps to the largest or smallest reading, where a sensor's range may end: what is late comes then
+_QUIET_AT_END = 100
+#: jumps of the input to one run of a value from which on the runs are no answer to them
+_EDGES_A_RUN = 8
+#: readings that levels and changes are learned from, about
+_LEARNED = 200_000
+
+
+def find_lost(y: ArrayLike, u: ArrayLike, *, resolution: float | None = None) -> NDArray[np.bool_]:
+    """Mask of readings of a lost target, True where a reading is false; shape (n,). Runs of any length are found.
+
+    A reading is false where it lies beyond what the readings of all levels of the input span by twice that span; and
+    where it belongs to a run of one and the same value, two rows or more, that the readings leap to and back from, by
+    twenty sds of what noise changes from row to row and four times the changes beside, while the input does not. Where
+    more than a twentieth would be false nothing is: it is not known then which readings are true.
+
+    Parameters
+    ----------
+    y : observed column, shape (n,); nan cells are gaps and never flagged.
+    u : input, shape (n,).
+    resolution : quantisation step.
+    """
+    values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
+    mask = beside(values, np.bool_)
+    step = resolution or 0.0
+    bottom, top = _beyond_all(values, drive, step, mask)
+    for first, stop in _held(values, drive, max(_STEPS * step, _SHARE * (top - bottom)), mask):
+        mask[first:stop] = True
+    if np.count_nonzero(mask) > _MOST * values.size:
+        mask[:] = False
+    return mask
+
+
+def without_lost(y: Array, lost: NDArray[np.bool_]) -> Array:
+    """A column (n,) with gaps where readings are lost; itself where none is."""
+    if not lost.any():
+        return y
+    out = beside(y)
+    for part in pieces(y.size, BLOCK):
+        out[part] = np.where(lost[part], np.nan, y[part])
+    return out
+
+
+def _beyond_all(y: Array, u: Array, step: float, mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Mark rows far beyond what the levels of the input span; returns that span."""
+    low, high = float(np.fmin.reduce(u)), float(np.fmax.reduce(u))
+    width = (high - low) / _LEVELS or 1.0
+
+    def level_of(some: Array) -> NDArray[np.int64]:
+        at = np.where(np.isfinite(some), (some - low) / width, _LEVELS)
+        return np.minimum(at.astype(np.int64), np.where(np.isfinite(some), _LEVELS - 1, _LEVELS))
+
+    every = max(1, y.size // _LEARNED)
+    some, at = y[::every], level_of(u[::every])
+    bottoms, tops, known = [], [], np.zeros(_LEVELS + 1, dtype=np.bool_)
+    for level in range(_LEVELS):
+        here = some[(at == level) & np.isfinite(some)]
+        if here.size:
+            bottom, top = np.quantile(here, [_LOW, _HIGH])
+            bottoms.append(float(bottom))
+            tops.append(float(top))
+            known[level] = here.size >= _KNOWN
+    if not bottoms:
+        return 0.0, 0.0
+    bottom, top = min(bottoms), max(tops)
+    room = _BEYOND * max(top - bottom, _STEPS * step)
+    for part in pieces(y.size, BLOCK):
+        far = part.start + np.flatnonzero((y[part] > top + room) | (y[part] < bottom - room))
+        mask[far[known[level_of(u[far])]]] = True
+    return bottom, top
+
+
+def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Runs (first row, row behind the last) of one value that readings leap to and back from.
+
+    least: size of a leap; known (n,): readings that are false already, which are no end of a range.
+    """
+    every = max(1, y.size // _LEARNED)
+    # a wave changes from row to row, and hardly its slope
+    bends = np.abs(y[2:][::every] - 2.0 * y[1:-1][::every] + y[:-2][::every])
+    bends = bends[np.isfinite(bends)]
+    if bends.size < 4 * _BESIDE:
+        return []
+    least = max(least, _SDS * 1.4826 * float(np.median(bends)) / np.sqrt(3.0))
+    leaps = rows_where(lambda b, a: np.abs(b - a) > least, y[1:], y[:-1])
+    first, stop = leaps[:-1] + 1, leaps[1:] + 1
+    opposite = (y[leaps[:-1] + 1] - y[leaps[:-1]]) * (y[leaps[1:] + 1] - y[leaps[1:]]) < 0.0
+    likely = opposite & (stop - first >= 2) & (stop - first <= _MOST * y.size) & (y[first] == y[stop - 1])
+    if not likely.any():
+        return []
+    seen = [y[p][~known[p]] for p in pieces(y.size, BLOCK)]
+    ends = min(float(np.fmin.reduce(s, initial=np.inf)) for s in seen), max(
+        float(np.fmax.reduce(s, initial=-np.inf)) for s in seen
+    )
+    edges = find_edges(u)
+    values, count = np.unique(y[first[likely]], return_counts=True)
+    often = dict(zip(values.tolist(), count.tolist(), strict=True))
+    out = []
+    for a, b in zip(first[likely].tolist(), stop[likely].tolist(), strict=True):
+        if known[a] or not bool(np.all(y[a:b] == y[a])):
+            continue
+        usual = max(_largest_change(y[max(0, a - 1 - _BESIDE) : a]), _largest_change(y[b : b + 1 + _BESIDE]))
+        if min(abs(y[a] - y[a - 1]), abs(y[b] - y[b - 1])) <= _CHANGES * usual:
+            continue
+        # an answer to the input comes with it, or a little later, and does so again
+        seldom = often[float(y[a])] * _EDGES_A_RUN <= edges.size
+        quiet = _QUIET_AT_END if y[a] in ends and not seldom else _QUIET
+        near = [np.searchsorted(edges, [row - quiet, row + _QUIET]) for row in (a, b)]
+        if all(low == high for low, high in near):
+            out.append((a, b))
+    return out
+
+
+def _largest_change(x: Array) -> float:
+    """From row to row; 0 without any."""
+    return float(np.fmax.reduce(np.abs(np.diff(x)), initial=0.0))
