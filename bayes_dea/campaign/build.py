@@ -113,6 +113,8 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
     collected += unused_warnings(found, sensors or {})
     if used["memory"] == "continued":
         collected += _not_continued(found)
+    else:
+        collected += _rest_unsaid(found)
     if not any(r.role == "validate" for r in found) and len(found) > 1:
         collected.append(NO_VALIDATION)
     return Campaign(
@@ -121,6 +123,16 @@ def campaign_from_recordings(recordings: Iterable[Recording], sensors: Mapping[s
         ambient=MappingProxyType(dict(ambient or {})), share=None if share is None else tuple(share),
         meta=MappingProxyType(dict(meta or {})), conventions=MappingProxyType(used), inputs=tuple(inputs),
         warnings=tuple(dict.fromkeys(collected)))
+
+
+def _rest_unsaid(recordings: Sequence[Recording]) -> list[str]:
+    """A line on recordings that carry the memory of the one above over a rest of unknown length; none without any."""
+    names = [r.name for r in recordings if not r.rested and r.rest_before_s is None]
+    if not names:
+        return []
+    return [f"{', '.join(names)}: rested = false without rest_before_s is taken as no rest at all since the recording "
+            "above ended. Where there was one, say how long (rest_before_s, in s): what was relaxed meanwhile passes "
+            "for missing physics otherwise."]
 
 
 def _not_continued(recordings: Sequence[Recording]) -> list[str]:

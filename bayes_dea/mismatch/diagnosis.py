@@ -32,7 +32,7 @@ from .readings.clipped import beyond_reach, restored
 from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .readings.seen import Seen
 from .search.frame import own_index
-from .search.hypotheses import NONE, UNKNOWN, parted, unweighed_note
+from .search.hypotheses import NONE, UNKNOWN, parted, unlogged_notes, unweighed_note
 from .search.naming import Naming
 from .search.profile import profiled
 from .search.quest import Report
@@ -226,6 +226,7 @@ def _once(
         summary["statement"] = " ".join([*map(sentence, notes), summary["statement"]])
         if ruling.verdict == UNKNOWN and found.scale is None:
             summary["warnings"] += too_few_for_an_odd_one(base)
+        summary["warnings"] += unlogged_notes(naming.skipped)
         unweighed = unweighed_note(base.problem.model, naming.skipped)
         if unweighed is not None:
             summary["warnings"].append(unweighed)

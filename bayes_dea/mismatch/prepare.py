@@ -54,6 +54,7 @@ def prepared(
     limit = sensor_limit(campaign)
     usable = campaign if limit is None else cut_out(campaign, limit)
     assembled = assemble(usable, model, workers, lambda *at: say("reading noise", *at))
+    _check_shared(assembled)
     lap("assemble")
     pieces = reduce_campaign(assembled)
     prior = noise_prior(assembled)
@@ -74,6 +75,17 @@ def prepared(
         seen.base = refit(seen.base.problem, base.q, base.noise, prior) or base
     lap("reduce")
     return Prepared(campaign, assembled, pieces, prior, seen, _resolution(campaign, pieces), limit)
+
+
+def _check_shared(assembled: Assembled) -> None:
+    """Raises InputError where specimens have parameters of their own."""
+    own = [assembled.posterior.model.priors.names[i] for i in assembled.posterior.own]
+    if own:
+        raise InputError(
+            f"[share] parameters: {', '.join(own)} are each specimen's own, and a diagnosis takes all parameters of "
+            "the material as shared: what differs between specimens would pass for physics. Take [share] out, or "
+            "diagnose the specimens one by one, each in a campaign of its own"
+        )
 
 
 def _with_unknown_scales(campaign: Campaign) -> Campaign:

@@ -72,6 +72,11 @@ def test_memory_of_specimens(data):
     late = recording_from_arrays("b", "creep", data(seed=2), rested=False, rest_before_s=60.0,
                                  actuator=REFERENCE)
     first = recording_from_arrays("a", "creep", data(), actuator=REFERENCE)
-    assert campaign_from_recordings([first, late]).recordings[1].rest_before_s == 60.0
+    known = campaign_from_recordings([first, late])
+    assert known.recordings[1].rest_before_s == 60.0
+    assert not any("rested = false" in w for w in known.warnings)
+    unsaid = recording_from_arrays("c", "creep", data(seed=3), rested=False, actuator=REFERENCE)
+    (said,) = [w for w in campaign_from_recordings([first, late, unsaid]).warnings if "rested = false" in w]
+    assert said.startswith("c: rested = false without rest_before_s is taken as no rest at all")
     with pytest.raises(InputError, match="stands above it"):
         campaign_from_recordings([late, first])

@@ -1,11 +1,14 @@
 """Structures that have no place for some of the effects: diagnosed all the same, and said so."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from concealed_campaigns import concealed
 
 from bayes_dea.errors import InputError
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.search.hypotheses import candidates, most_for_unknown, unweighed_note
+from bayes_dea.mismatch.search.hypotheses import candidates, most_for_unknown, unlogged_notes, unweighed_note
 from bayes_dea.models.effects import registered_effects
 from bayes_dea.models.model import build_model
 
@@ -57,3 +60,32 @@ def test_behind_a_curved_law_kelvin_voigt_elements_have_everything_beside_them()
 def test_a_structure_that_holds_a_damper_has_it_already():
     _, skipped = candidates(build_model("hooke+gkm2"), concealed(), {"displacement"})
     assert skipped["parallel_damper"] == "is in the model already"
+
+
+def test_a_temperature_that_some_recordings_have_is_not_weighed_and_said():
+    """Those without it had no answer to thermal expansion, and the diagnosis ended there."""
+    campaign = concealed()
+    logged = tuple(
+        replace(r, columns={**r.columns, "temperature_C": np.linspace(20.0, 22.0, r.n)}) if k == 0 else r
+        for k, r in enumerate(campaign.recordings)
+    )
+    some = replace(campaign, recordings=logged)
+    names, skipped = candidates(build_model("hooke+gm3"), some, {"displacement"})
+    assert "thermal_expansion" not in names
+    (note,) = unlogged_notes(skipped)
+    assert note.startswith("thermal_expansion was not weighed: it needs a column temperature_C in every voltage rec")
+    assert note.endswith(", ".join(r.name for r in campaign.recordings[1:]))
+    _, skipped = candidates(build_model("hooke+gm3"), campaign, {"displacement"})
+    assert unlogged_notes(skipped) == []  # none is asked for where none was logged
+    everywhere = tuple(replace(r, columns={**r.columns, "temperature_C": np.zeros(r.n)}) for r in campaign.recordings)
+    names, _ = candidates(build_model("hooke+gm3"), replace(campaign, recordings=everywhere), {"displacement"})
+    assert "thermal_expansion" in names
+
+
+def test_parameters_of_a_specimen_alone_are_refused():
+    """Their differences would pass for physics."""
+    campaign = concealed()
+    two = tuple(replace(r, specimen="B" if k > 3 else "A") for k, r in enumerate(campaign.recordings))
+    shared = replace(campaign, recordings=two, share=("tau_1_s", "tau_2_s", "tau_3_s"))
+    with pytest.raises(InputError, match=r"\[share\] parameters: Y_Pa, k_1_Pa, k_2_Pa, k_3_Pa are each specimen's own"):
+        diagnose(shared, "hooke+gm3", seed=1)

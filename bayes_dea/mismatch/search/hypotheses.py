@@ -16,6 +16,8 @@ from ...priors import Parameter, Prior, apply_overrides, hint, prior_folder
 NONE, UNKNOWN, MAINS, DELAY = "none", "unknown", "mains_pickup", "acquisition_delay"
 #: how the reason begins why an effect is not weighed that a structure has no place for
 _CANNOT = "cannot act on"
+#: where a column has to be that some recordings have
+_IN_EVERY = " in every voltage recording"
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,25 @@ def candidates(
             continue  # part of the noise model of every hypothesis
         elif "displacement" not in channels and "mechanical" not in effect.acts_on:
             skipped[name] = "acts on voltage recordings alone, and there are none"
-        elif any(not any(c in r.columns for r in campaign.recordings) for c in effect.needs):
-            skipped[name] = f"needs a column {', '.join(effect.needs)}"
+        elif (lacking := without_columns(campaign, effect.needs)) is not None:
+            skipped[name] = f"needs a column {', '.join(effect.needs)}{lacking}"
         elif _refused(base, name):
             skipped[name] = f"{_CANNOT} {_structure(base)}"
         else:
             out.append(name)
     return out, skipped
+
+
+def without_columns(campaign: Campaign, needed: Sequence[str]) -> str | None:
+    """Which voltage recordings lack a column that an effect needs in every one of them; None where none does.
+
+    Also those to validate: what was found is proved on them.
+    """
+    driven = [r for r in campaign.recordings if r.is_voltage]
+    lack = [r.name for r in driven if any(c not in r.columns for c in needed)]
+    if not lack:
+        return None
+    return "" if len(lack) == len(driven) else f"{_IN_EVERY}; without: {', '.join(lack)}"
 
 
 def refused(skipped: Mapping[str, str]) -> list[str]:
@@ -100,6 +114,11 @@ def unweighed_note(base: Model, skipped: Mapping[str, str]) -> str | None:
         f"they need ({', '.join(names)}); what one of them does may pass for another, or for unknown: take {other} to "
         "weigh them too"
     )
+
+
+def unlogged_notes(skipped: Mapping[str, str]) -> list[str]:
+    """A line on each effect that some recordings have the columns for and others have not."""
+    return [f"{name} was not weighed: it {why}" for name, why in skipped.items() if _IN_EVERY in why]
 
 
 def _refused(base: Model, effect: str) -> bool:
