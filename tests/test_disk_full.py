@@ -189,7 +189,7 @@ def test_a_limit_on_the_size_of_files(tiny, undisturbed, tmp_path):
     assert not list(tmp_path.glob(".part-*"))
 
 
-@pytest.mark.parametrize("failing", range(5))
+@pytest.mark.parametrize("failing", [pytest.param(k, marks=pytest.mark.long) if k in (1, 2) else k for k in range(5)])
 def test_each_write(tiny, undisturbed, tmp_path, monkeypatch, run, failing):
     """The checkpoint, posterior.nc, calibration.json and report.html in turn; the fifth write is none of this run."""
     files = []

@@ -180,9 +180,8 @@ def test_all_swarms_agree_on_voltage_and_force(both, text):
     assert found.log_posterior - 25 < at_truth < found.log_posterior + 0.05
 
 
-@pytest.mark.parametrize("text", [
-    "hooke+gm3", pytest.param("hooke+gkv3", marks=pytest.mark.long),
-])
+@pytest.mark.long
+@pytest.mark.parametrize("text", ["hooke+gm3", "hooke+gkv3"])
 def test_all_swarms_agree_on_force_alone(force, text):
     found, posterior = once(force, text)
     assert (found.swarms, found.agree) == (8, 8)

@@ -22,7 +22,7 @@ import bayes_dea as bd
 SHORT_RUNS = Path(__file__).with_name("short_runs.py")
 KILLS = 50
 #: as many where the whole has to be done in a quarter of an hour
-FEWER = 4
+FEWER = 2
 #: share of these in processes of their own, from their first import on
 FRESH = 0.25
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)

@@ -41,6 +41,7 @@ def _outside(runs: list[Replicate]) -> set[str]:
     return {k for k in names if not ecdf_inside(np.array([r.ranks[k] for r in runs]), KEEP, prob)[0]}
 
 
+@pytest.mark.long
 def test_ranks_of_the_truth_are_uniform() -> None:
     runs = _run(24, seed=5)
     assert set(runs[0].ranks) == {"Y_Pa", "k_1_Pa", "tau_1_s", "sigma", "rho", "gain", "log_likelihood"}

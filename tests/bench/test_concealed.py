@@ -118,8 +118,10 @@ def test_names_are_balanced() -> None:
         assert order.index(one) < order.index(two)
 
 
-@pytest.mark.parametrize("kind", ["series_resistance", "sensor_nonlinearity", "rate_independent_hysteresis",
-                                  "unknown:soft_knee"])
+@pytest.mark.parametrize("kind", [
+    "series_resistance", "unknown:soft_knee",
+    *(pytest.param(k, marks=pytest.mark.long) for k in ("sensor_nonlinearity", "rate_independent_hysteresis")),
+])
 def test_sizes_come_near_what_is_aimed_at(kind: str) -> None:
     cases = [draw_case(seed, kind) for seed in range(20, 26)]
     steps = [c.sizes["all"].steps for c in cases]
@@ -155,6 +157,7 @@ def probe() -> tuple[CampaignPlan, Probe]:
     return plan, Probe(plan)
 
 
+@pytest.mark.long
 def test_half_of_the_presses_do_not_count_for_the_size_aimed_at() -> None:
     """A stiffening may do several times as much in a press as it was drawn for."""
     counted, free = 0, []
@@ -233,6 +236,7 @@ def test_the_preset_concealed(tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} == {"c", "t.json"}
 
 
+@pytest.mark.long
 def test_a_case_takes_less_than_five_seconds() -> None:
     draw_case(1, "series_resistance")  # compiles
     for kind in ("series_resistance", "rate_independent_hysteresis", "inertia"):

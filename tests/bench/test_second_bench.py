@@ -48,6 +48,7 @@ def test_shares_no_code_with_the_package() -> None:
         assert not {"bayes_dea", "import_module", "__import__"} & set(text.replace("(", " ").replace(".", " ").split())
 
 
+@pytest.mark.long
 def test_runs_alone() -> None:
     """Nothing of the package is loaded by the command, not even through others."""
     code = (
@@ -80,7 +81,8 @@ def written(folder: Path, kind: str, seed: int = 3) -> dict:
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("none", 3), ("single", 3), ("pair", 3), ("unknown", 3), ("sensor_clipping", 5)]
+    ("kind", "seed"), [("single", 3), ("unknown", 3), ("sensor_clipping", 5),
+                       *(pytest.param(kind, 3, marks=pytest.mark.long) for kind in ("none", "pair"))]
 )
 def test_a_campaign_is_read_and_its_truth_lies_beside(
     tmp_path: Path, kind: str, seed: int, capsys: pytest.CaptureFixture[str]

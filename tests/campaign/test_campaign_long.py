@@ -56,6 +56,7 @@ def peak_bytes(folder):
     return json.loads(done.stdout)
 
 
+@pytest.mark.long
 def test_memory_grows_with_the_numbers_and_not_with_the_file(long_recording, tmp_path):
     folder, total = long_recording
     short = ROWS // 5

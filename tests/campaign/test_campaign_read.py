@@ -305,6 +305,7 @@ def test_import_is_light():
     assert out.stdout.strip() == "[]"
 
 
+@pytest.mark.long
 def test_reading_is_fast(folder, data, as_csv):
     """A tenth of 12 x 720 s x 1 kHz, which must load in 10 s: two threads may work 1 s each here.
 

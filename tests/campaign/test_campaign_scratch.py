@@ -243,6 +243,7 @@ print(json.dumps({"rows": r.n, "bytes": sum(v.nbytes for v in r.columns.values()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="RLIMIT_DATA counts memory on Linux alone")
+@pytest.mark.long
 def test_a_recording_longer_than_the_memory_of_the_process(tmp_path):
     """Columns of 336 MB, where the process may hold 220 MB more than it does after its imports."""
     rows, piece = 14_000_000, 1_000_000

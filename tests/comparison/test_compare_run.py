@@ -217,6 +217,7 @@ def test_correlation_at_a_rate_that_is_left_out_is_unseen(compared):
     assert len(unseen(posterior, frozenset(names - {"relax.csv"}))) == 3  # zero, sigma and rho of the force
 
 
+@pytest.mark.long
 def test_hopeless_models_are_spared_whatever_the_order(compared, voltage_campaign):
     from bayes_dea.comparison.run import hopeless
 

@@ -46,6 +46,7 @@ def long_banana(x):
     return -0.5 * np.sum(y**2, axis=1)
 
 
+@pytest.mark.long
 def test_standard_errors_of_curved_valleys_are_what_the_estimates_scatter_by():
     exact = 2 * np.log(2 * np.pi) + np.log(10.0)
     start = np.array([0.0, 10.0, 0.0, 0.0])
@@ -171,6 +172,7 @@ def test_no_draws_to_begin_a_bridge_from_end_in_no_value():
     assert not np.isfinite(found.log_value)
 
 
+@pytest.mark.long
 def test_populations_that_would_not_arrive_give_up():
     """At the pace of the last stages one would not be reached: the first population ends, and with it all."""
     calls = []

@@ -41,7 +41,10 @@ def exact(model, values, prepared, sd, offset_sd, gain_sd):
     return multivariate_normal(whole, covariance).logpdf(y)
 
 
-@pytest.mark.parametrize("effect", ["series_resistance", "sensor_lag", "parallel_damper", "supply_dead_zone"])
+@pytest.mark.parametrize("effect", [
+    "series_resistance", "parallel_damper",
+    *(pytest.param(e, marks=pytest.mark.long) for e in ("sensor_lag", "supply_dead_zone")),
+])
 def test_scores_are_those_of_the_whole_model(effect):
     model = build_model(f"hooke+gm1+{effect}")
     t = 0.01 * np.arange(300)

@@ -123,6 +123,7 @@ def test_joined_mixtures_are_normalised():
     assert np.allclose(both.log_density(x), BRANCHES.log_density(x))
 
 
+@pytest.mark.long
 def test_what_is_learned_shortens_the_run_and_keeps_the_answer():
     """Two branches that differences of walkers hardly change between."""
     rng = np.random.default_rng(3)

@@ -56,6 +56,7 @@ def test_correlated_gaussian_converges_to_the_truth():
     np.testing.assert_array_equal(r.by_ensemble()[1, w : 2 * w], r.chains[1, 1])
 
 
+@pytest.mark.long
 def test_banana_moments():
     r = sample(banana, start(d=2), EnsembleSettings(), np.random.default_rng(4))
     x = r.flat()

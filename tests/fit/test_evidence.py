@@ -84,6 +84,7 @@ def test_banana_has_evidence_one():
     assert abs(value) < 3 * se
 
 
+@pytest.mark.long
 def test_bounded_support_and_correlated_draws_keep_the_error_honest():
     """Exponentials drawn by a slow chain: over repeats the errors are as large as claimed, not larger."""
 

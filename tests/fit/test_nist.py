@@ -26,7 +26,7 @@ LINEAR = {
     "Roszman1": "b1 b2",
 }
 #: two of three sets of one formula, which take longest
-SLOW = {"Gauss2", "Gauss3"}
+SLOW = {"ENSO", "Gauss1", "Gauss2", "Gauss3", "Hahn1"}
 
 
 @pytest.fixture(scope="module")

@@ -45,6 +45,7 @@ def test_with_mains_it_is_the_batch_posterior_of_the_same_samples():
         assert abs(a.std() / b.std() - 1) < 0.05, name
 
 
+@pytest.mark.long
 def test_mains_that_leaps_up_is_no_alarm():
     machine = device(400.0, ["mains=14.3:8e-6"])
     machine.hear("ZERO")

@@ -75,6 +75,7 @@ def test_a_change_is_found_within_five_seconds(fault, word):
     assert any(word in a.what for a in alarms)
 
 
+@pytest.mark.long
 def test_nothing_is_said_while_nothing_changes():
     assert followed([]) == []
 

@@ -128,6 +128,7 @@ def test_it_is_calibrate_s_posterior_and_evidence(rows):
     assert one.log_evidence == pytest.approx(batch.log_evidence, abs=1.5)
 
 
+@pytest.mark.long
 def test_portions_do_not_matter(rows):
     a, _ = taught(rows, portions=3, particles=300)
     b, _ = taught(rows, portions=400, particles=300)

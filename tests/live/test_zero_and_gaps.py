@@ -83,11 +83,11 @@ def test_what_a_gap_makes_worth_nothing_is_said_and_not_counted_as_learned():
     at = len(rows) // 3
     moving = at + int(np.argmax(np.abs(np.diff(rows[at:, 1])) > 100.0))  # an edge nobody sees
     kept = np.concatenate([rows[: moving - 20], rows[moving + 20 :]])
-    one, _ = taught(kept)
+    one, _ = taught(kept, particles=300)
     one.update(last=True)
     assert 100 <= one.left_out < len(kept)
     (said,) = [n for n in one.notes() if "do not count" in n]
     assert said.startswith(f"session 1: {one.left_out} samples do not count (")
-    whole, _ = taught(rows)
+    whole, _ = taught(rows, particles=300)
     assert whole.left_out == 0
     assert not any("do not count" in n for n in whole.notes())

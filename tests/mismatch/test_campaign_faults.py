@@ -119,7 +119,8 @@ def test_a_delay_of_one_sample_and_a_bit_is_a_delay():
     assert not any(w.startswith("timing:") for w in s["warnings"])
 
 
-@pytest.mark.parametrize("hold", ["start", pytest.param("linear", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("hold", ["start", "linear"])
 def test_a_convention_stated_wrongly_is_timing_and_no_physics(plain, hold):
     c = replace(plain, recordings=tuple(replace(r, hold=hold) for r in plain.recordings))
     s = diagnose(c, "hooke+gm3").summary

@@ -54,8 +54,11 @@ def test_nothing_left_out(diagnosed):
     assert "no reason to doubt" in s["statement"]
 
 
+LONG = ("acquisition_delay", "rate_independent_hysteresis", "sensor_clipping")
+
+
 @pytest.mark.parametrize("name", [
-    pytest.param(n, marks=pytest.mark.long) if n in ("acquisition_delay", "sensor_clipping") else n for n in CASES
+    pytest.param(n, marks=pytest.mark.long) if n in LONG else n for n in CASES
 ])
 def test_the_effect_is_named_measured_and_proved(name, diagnosed):
     parameters, main = CASES[name]

@@ -51,7 +51,7 @@ def _none_better(fit, prior, spread, tries):
     ("effects", "spec", "pressed"),
     [
         ({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance", False),
-        ({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False),
+        pytest.param({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False, marks=pytest.mark.long),
         pytest.param({"leakage": LEAK}, "hooke+gm3+leakage", False, marks=pytest.mark.long),
         pytest.param({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
                      "hooke+gm3+series_resistance+mullins_softening", True, marks=pytest.mark.long),

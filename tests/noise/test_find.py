@@ -439,6 +439,7 @@ class TestFlat:
             assert find_flat(np.round(rng.normal(size=20_000) / step) * step) == ()
 
 
+@pytest.mark.long
 def test_speed():
     """Each finder takes well under a second on 720,000 samples of processor time (about 0.1 to 0.25 s)."""
     t, u, y = creep(720_000)

@@ -30,7 +30,7 @@ def test_a_long_rest_speaks_for_itself_and_a_short_one_with_the_others():
     assert common_rho([0.9, np.nan, 0.5], [300, 100, 100]) == pytest.approx(0.8)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9])
+@pytest.mark.parametrize("rho", [pytest.param(0.0, marks=pytest.mark.long), 0.9])
 def test_what_chance_allows_is_passed_by_few(rho):
     """Waves with a short rest beside three creeps; noise alone.
 

@@ -169,7 +169,7 @@ def test_a_broken_summary_is_named(tmp_path: Path, content: str, message: str) -
         write_live_page(tmp_path)
 
 
-@pytest.mark.parametrize("width", [1400, 700])
+@pytest.mark.parametrize("width", [1400, pytest.param(700, marks=pytest.mark.long)])
 def test_the_page_in_a_browser(tmp_path: Path, open_page: Open, width: int) -> None:
     page = write_live_page(live(tmp_path))
     p = open_page(page, width)

@@ -107,7 +107,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {name: folder / name / "report.html" for name in PAGES}
 
 
-@pytest.mark.parametrize("width", [1400, 700])
+@pytest.mark.parametrize("width", [1400, pytest.param(700, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", PAGES)
 def test_the_page_in_a_browser(pages: dict[str, Path], name: str, open_page: Open, width: int) -> None:
     p = open_page(pages[name], width)

@@ -70,7 +70,7 @@ def page(make_result: Make, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(folder)
 
 
-@pytest.mark.parametrize("width", [1400, 700])
+@pytest.mark.parametrize("width", [1400, pytest.param(700, marks=pytest.mark.long)])
 def test_page_in_a_browser(page: Path, open_page: Open, width: int) -> None:
     p = open_page(page, width)
     assert p.run("bayesDeaViewers.length") == 3
@@ -165,6 +165,7 @@ def test_moving_about_is_smooth(page: Path, open_page: Open) -> None:
     assert p.errors == []
 
 
+@pytest.mark.long
 def test_many_plots_are_opened_and_old_ones_closed(make_result: Make, tmp_path: Path, open_page: Open) -> None:
     rng = np.random.default_rng(4)
     folder = make_result(tmp_path / "many", [sine(f"{i}.csv", "identify", rng, step_s=0.02) for i in range(11)])

@@ -179,6 +179,7 @@ def test_kept_rows_give_the_same_scores(tmp_path):
     assert scores.scores(again)["codes"] == {"abc": 7, "abd": 1}
 
 
+@pytest.mark.long
 def test_a_study_goes_on_from_rows_that_were_kept(tmp_path):
     (tmp_path / "study").mkdir()
     (tmp_path / "first.jsonl.gz").write_bytes(kept.packed(ROWS[:4]))

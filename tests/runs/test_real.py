@@ -122,6 +122,7 @@ def test_hasel_is_read_and_said_to_be_no_dea(hasel: Campaign) -> None:
     assert not hasel.recordings[1].rested
 
 
+@pytest.mark.long
 def test_hasel_misfit_is_said_and_sized(hasel_calibration: Calibration) -> None:
     s = hasel_calibration.summary
     for r in s["recordings"]:
@@ -135,6 +136,7 @@ def test_hasel_misfit_is_said_and_sized(hasel_calibration: Calibration) -> None:
     assert s["noise"]["rho_displacement"]["q05"] > 0.99
 
 
+@pytest.mark.long
 def test_hasel_cut_short_says_so_and_prints_no_ess(hasel_calibration: Calibration) -> None:
     s = hasel_calibration.summary
     assert not s["sampler"]["converged"]
