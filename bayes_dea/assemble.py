@@ -17,6 +17,7 @@ from .forward import memory, sign_of, simulate
 from .likelihood.block_group import BlockGroup, build_block_groups
 from .likelihood.interval_group import build_interval_groups
 from .likelihood.linear_group import LinearGroup, build_linear_groups
+from .likelihood.not_zeroed import with_free_offsets
 from .likelihood.plant_group import build_plant_groups
 from .likelihood.posterior import ChannelNoise, Posterior, ZeroPrior
 from .likelihood.prepare import Prepared, RateClasses, prepare_all, rate_classes, rested
@@ -274,6 +275,8 @@ def _voltage_terms(prepared: tuple[Prepared, ...], warnings: list[str]) -> dict[
     for p in prepared:
         out[p.name] = noise_terms(p.sensor, p.recording.zeroed, largest, estimated_sd=quiet)
         warnings += out[p.name].warnings
+    out, told = with_free_offsets(prepared, out)
+    warnings += told
     return out
 
 
