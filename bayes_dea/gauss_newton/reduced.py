@@ -60,6 +60,7 @@ class Piece:
     nuisance_sd: Array = field(repr=False)  # (m,)
     white_variance: float | Array = 0.0  # of a sample, beyond sigma: the scatter of the position in a force; (nb,)
     carried: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)  # (k, nb): its lines' errors, N
+    rounding: float = 0.0  # step of a sensor that is coarser than its noise, in its unit; 0: rounding is noise
     nodes: Nodes | None = None  # of a voltage recording
     few: Reading | None = None  # fewer nodes, enough for a model whose answer to a smooth command is smooth
     rough: Reading | None = None  # fewer still, for what a change of parameters changes (`rough_nodes`)
@@ -79,6 +80,7 @@ class Piece:
         """Digest of what is compared, and of everything that its predictions come from."""
         b = self.blocks
         noise = [self.nuisance, self.nuisance_sd, self.carried, np.asarray(self.white_variance)]
+        noise += [np.asarray(self.rounding)] if self.rounding else []
         compared = [self.y, b.start, b.count, b.gap, np.packbits(self.prepared.observed), *noise]
         inputs: list[object] = [self.recording.actuator, self.recording.hold, self.zero, self.contact]
         for nodes in (self.nodes, self.past):
@@ -90,6 +92,18 @@ class Piece:
     def whiteners(self) -> Latest[Whitener]:
         """What made its columns white under the last noises (`whitening`)."""
         return Latest()
+
+    @cached_property
+    def further_variance(self) -> Array:
+        """Of a sample of each block (nb,), white, beyond sigma: of the scatter of a position, and of rounding."""
+        white = np.broadcast_to(self.white_variance, self.blocks.n)
+        return white + self._rounding_variance() if self.rounding else white
+
+    def _rounding_variance(self) -> Array:
+        """Readings that stay on one step are all off by the same; over k steps the mean of a block is off by less."""
+        b, y = self.blocks, np.where(self.prepared.observed, self.prepared.y, np.nan)
+        spans = np.array([_span(y[first:stop]) for first, stop in zip(b.start, b.stop, strict=True)])
+        return np.asarray(b.count * (self.rounding / (1.0 + spans / self.rounding)) ** 2 / 12.0)
 
     @property
     def recording(self) -> Recording:
@@ -155,6 +169,11 @@ class Piece:
         return Reading(where, self.averaging)
 
 
+def _span(y: Array) -> float:
+    """From the lowest to the highest reading (n,), nan where none was."""
+    return float(np.fmax.reduce(y) - np.fmin.reduce(y))
+
+
 def _gentle(plant: Plant, to_look: bool, corners_stay: bool) -> bool:
     """Whether few nodes know what changes."""
     return plant.is_gentle(to_look) or (corners_stay and plant.corners_stay(to_look))
@@ -201,7 +220,8 @@ def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
         rate = channels[p.channel].rates.of(p)
         sd = nuisance_sd(p, terms)
         if p.recording.is_voltage:
-            out.append(_voltage_piece(p, group, rate, sd, recordings))
+            coarse = terms.resolution if terms.interval_needed else 0.0
+            out.append(replace(_voltage_piece(p, group, rate, sd, recordings), rounding=coarse))
         else:
             index = zeros.index(p.name) if p.name in zeros else -1
             stated = assembled.campaign.sensors.get("position")

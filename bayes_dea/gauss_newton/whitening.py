@@ -57,7 +57,7 @@ class Whitener:
 
     def __init__(self, piece: Piece, sigma: float, rho: float) -> None:
         blocks = piece.blocks
-        self._factor = BlockFactor.of(blocks.count, sigma, rho, blocks.gap, piece.white_variance)
+        self._factor = BlockFactor.of(blocks.count, sigma, rho, blocks.gap, piece.further_variance)
         #: log determinant of the covariance of the block means
         self.logdet = self._factor.logdet
         self._along, self._taken = np.empty((0, blocks.n)), np.empty(0)

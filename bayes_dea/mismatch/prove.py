@@ -241,7 +241,7 @@ def with_noise_at_rest(proved: list[HeldOut], fit: Fit, pieces: tuple[Piece, ...
 
 def _floor(fit: Fit, piece: Piece) -> float:
     """RMSE of the right model: the noise, and what the scatter of the position leaves in what drives it."""
-    further = np.broadcast_to(piece.white_variance, piece.blocks.n).sum()
+    further = piece.further_variance.sum()
     if len(piece.carried):
         further = further + np.sum(piece.carried**2 @ piece.blocks.count)
     return math.sqrt(fit.noise.of(piece)[0] ** 2 + float(further / piece.blocks.count.sum()))

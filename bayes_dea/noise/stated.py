@@ -160,7 +160,8 @@ def noise_terms(sensor: Sensor, zeroed: bool, largest_signal: float, *, estimate
     interval = step > 0 and sigma <= step / 2
     if interval:
         warnings.append(f"{where}: the fluctuation {sigma:.3g} is not above half a resolution step "
-                        f"({step / 2:.3g}); quantisation is treated as an interval, not as noise.")
+                        f"({step / 2:.3g}); rounding is no noise there. Readings are treated as intervals; in a "
+                        "diagnosis, rounding is an error of each block of readings.")
     return NoiseTerms(sigma_median=sigma, sigma_log_sd=log_sd, offset_sd=offset, gain_sd=gain,
                       resolution=step, quantisation_variance=0.0 if interval else step * step / 12.0,
                       interval_needed=interval, warnings=tuple(warnings))

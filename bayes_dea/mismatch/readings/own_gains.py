@@ -105,9 +105,12 @@ def _loosened(problem: Problem, pieces: Sequence[Piece]) -> Problem:
 def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | None:
     """A fit again with a gain for each of `pieces`, all of the campaign's, seen or not.
 
-    None where it has that already, or where there are too few recordings to tell.
+    None where it has that already, or where there are too few recordings to tell; of a sensor that is coarser than its
+    noise plateaus are off by parts of a step, which is no gain.
     """
     problem = fit.problem
+    if any(p.rounding for p in pieces):
+        return None
     if problem.gain_sd.size >= len(pieces) or sum(p.channel == "displacement" for p in problem.pieces) < _LEAST:
         return None
     shared = fit.q[problem.dimension - problem.gain_sd.size :]
