@@ -10,6 +10,7 @@ from .prepare import Prepared
 from .readings.own_gains import Gains, gains_of
 from .readings.scales import OddScale, odd_scale
 from .readings.seen import Seen
+from .readings.supply_offset import SupplyOffset, supply_offset
 from .readings.swinging import Swinging, swinging
 from .readings.uneven import Uneven, uneven_scatter
 from .search.hypotheses import DELAY, NONE, UNKNOWN
@@ -39,13 +40,15 @@ class Judged:
     swings: Swinging | None
     gains: Gains | None
     scale: OddScale | None  # of voltage and mechanical recordings, where nothing on the list explains them
+    supply: SupplyOffset | None  # where it is likelier than what was named
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
     terms: Terms | None  # beside its best partial explanation
 
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
-        out = [found.note() for found in (self.scale, self.uneven, self.swings, self.gains) if found is not None]
+        beside = (self.scale, self.supply, self.uneven, self.swings, self.gains)
+        out = [found.note() for found in beside if found is not None]
         best = self.explanation
         # a verdict with one effect more than the best explanation claims just what that leaves
         claimed = verdict != UNKNOWN and self.ruling.named in (NONE, best.weighed.name)
@@ -73,11 +76,14 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
+    supply = supply_offset(naming, ruling.named, ready.prior)
+    if supply is not None:
+        ruling = ruling.overruled(supply.lead)
     mended, terms, scale = None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)
         # where the best explanation leaves nothing, it is this that no physics explains
-        strangest = (swings or gains) if best.adequate else None
+        strangest = supply or ((swings or gains) if best.adequate else None)
         if strangest is None:
             mended, terms = repair(best, looks, ready.prior)
         else:
@@ -102,6 +108,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         swings=swings,
         gains=gains,
         scale=scale,
+        supply=supply,
         mended=mended,
         terms=terms,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..gauss_newton.reduced import Piece
@@ -48,6 +48,15 @@ class Ruling:
             if total >= 0.99:
                 break
         return out
+
+    def overruled(self, lead: float) -> Ruling:
+        """What something unlisted makes of it that is so many nats likelier than the verdict."""
+        share = self.probability[self.verdict]
+        unlisted = share * math.exp(min(lead, 500.0))
+        total = 1.0 + unlisted
+        p = {k: v / total for k, v in self.probability.items()}
+        p[UNKNOWN] = p.get(UNKNOWN, 0.0) + unlisted / total
+        return replace(self, verdict=UNKNOWN, probability=p, physics={**self.physics, UNKNOWN: UNKNOWN})
 
     def _behind(self, name: str) -> float:
         return -self.probability[name]
