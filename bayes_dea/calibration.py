@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings as python_warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -440,6 +440,7 @@ def _summary(
                 "r2": p.r2,
                 "chi2_reduced": p.chi2_reduced,
                 "chi2_by_chance": p.chi2_by_chance,
+                "chi2_slow": None if p.slow is None else p.slow.chi2,
                 "coverage_50": p.coverage_50,
                 "coverage_90": p.coverage_90,
                 "pit_p_value": p.pit_p_value,
@@ -557,7 +558,24 @@ def _notes(
                     f"stated accuracy allows ({allowed}): the {what} stands in for something that is left out, or the "
                     "statement is wrong."
                 )
-    return out
+    return out + _notes_on_slow(predictions)
+
+
+def _notes_on_slow(predictions: Sequence[Prediction]) -> list[str]:
+    """One line on displacements that are missed slowly, by less than what shows beside single readings."""
+    told = [
+        f"{p.name} {_in_words(p.slow.rms, p.channel)} (reduced chi^2 of {p.slow.n} means {p.slow.chi2:.3g})"
+        for p in predictions
+        if p.channel == "displacement" and p.slow is not None and p.slow.shows
+        and p.chi2_reduced <= chi2_limits(p.chi2_by_chance)[1]
+    ]  # fmt: skip
+    if not told:
+        return []
+    return [
+        f"Means of many readings are missed by more than noise does: {', '.join(told)}. Beside single readings it does "
+        "not show, but the parameters bend to it and their intervals are too narrow: a sensor that wanders or drifts, "
+        "or physics that is left out. bayes-dea diagnose says which, where the recordings tell."
+    ]
 
 
 def _why_no_elpd(p: Prediction) -> str | None:

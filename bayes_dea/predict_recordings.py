@@ -27,6 +27,7 @@ from .models.electrostatics import voltage_drive
 from .models.missing_drive import drive_values
 from .noise.blocks import Blocks, block_means, log_blocks, variance_of_mean
 from .noise.floor import Floor, chi2_by_chance, common_rho, floors
+from .noise.slow import Slow, slow_misfit
 from .page_data import PageData, PageSettings, reduce_recording
 from .predict_blocks import Simulated, predict_blocks
 
@@ -72,6 +73,7 @@ class Prediction:
     histogram: list[float] = field(repr=False, default_factory=list)  # PIT counts in twenty bins
     page: PageData | None = field(repr=False, default=None)  # samples near edges and bins, for zooming
     chi2_by_chance: float = 1.0  # the largest reduced chi^2 that what is known of the floor allows
+    slow: Slow | None = None  # what means of many readings miss it by
 
 
 def conditional_gain(posterior: Posterior, q: NDArray) -> dict[tuple[str, str], tuple[NDArray, NDArray]]:
@@ -283,6 +285,7 @@ def _predict_one(
             PageSettings.shared(len(assembled.prepared)),
         ),
         chi2_by_chance(floor, p.n, rho_at_rest),
+        slow_misfit(y_blocks - found.mean, found.parameter_var + block_var, blocks.count),
     )
 
 

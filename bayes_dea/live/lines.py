@@ -85,7 +85,10 @@ def parse_sample(line: bytes, form: LineFormat) -> tuple[float, float, float] | 
         values = []
         for name in COLUMNS:
             c = form.columns[name]
-            values.append(c.factor * (float(parts[c.index]) - c.offset) + c.shift)
+            text = parts[c.index].strip()
+            # an empty cell between two delimiters is how many loggers write that there was no reading
+            number = math.nan if not text and name == COLUMNS[2] else float(text)
+            values.append(c.factor * (number - c.offset) + c.shift)
     except (UnicodeDecodeError, ValueError):
         return "garbled"
     t, v, y = values

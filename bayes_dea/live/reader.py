@@ -164,6 +164,9 @@ class Reader(threading.Thread):
     def _open(self, first: bool = False):  # type: ignore[no-untyped-def]
         import serial
 
+        address = self.url.removeprefix("socket://")
+        if first and address != self.url and not address.rpartition(":")[2].split("?")[0].isdigit():
+            raise InputError(f"--port {self.url}: names no port; write socket://HOST:PORT, as bench --tcp prints it")
         try:
             port = serial.serial_for_url(self.url, baudrate=self.baud, timeout=_READ_S, write_timeout=1.0)
         except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""A sensor whose steps are coarser than its noise: rounding is an error of the mean of a block, however many rows it has."""
+"""A sensor whose steps are coarser than its noise: rounding is an error of the mean of a block whatever its rows."""
 
 from dataclasses import replace
 

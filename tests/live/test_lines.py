@@ -100,3 +100,12 @@ def test_a_column_by_its_place_on_the_line():
 def test_maps_that_cannot_be_are_refused(table, message):
     with pytest.raises(InputError, match=message):
         parse_device(table, "[device]")
+
+
+def test_an_empty_cell_is_a_reading_that_is_missing():
+    form = parse_device({"order": ["time_s", "displacement_m", "voltage_V"], "delimiter": ";"}, "d.toml")
+    t, v, y = parse_sample(b"0.5;;900", form)
+    assert (t, v) == (0.5, 900.0)
+    assert np.isnan(y)
+    assert parse_sample(b"0.5;1e-6;", form) == "garbled"  # a voltage that is missing is none
+    assert parse_sample(b";1e-6;900", form) == "garbled"

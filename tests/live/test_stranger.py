@@ -283,3 +283,9 @@ def test_what_a_run_waits_for_is_on_the_screen():
     assert waits in shown
     assert "The connection broke." in shown
     assert "DISCONNECTED" in shown
+
+
+@pytest.mark.parametrize("url", ["socket://127.0.0.1", "socket://127.0.0.1:", "socket://bench:x"])
+def test_a_socket_without_a_port_says_what_to_write(url, toml, tmp_path):
+    with pytest.raises(InputError, match="names no port; write socket://HOST:PORT"):
+        follow(url, toml, tmp_path / "out")
