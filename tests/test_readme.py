@@ -98,7 +98,7 @@ def test_campaign_blocks_are_what_the_reader_takes(tmp_path: Path):
 
     import bayes_dea as bd
 
-    campaign, form = blocks("toml")
+    campaign, form = (b for b in blocks("toml") if not b.startswith("[device]"))
     recording = tomllib.loads(campaign)["recording"][0]
     assert set(tomllib.loads(form)["format"]) == {"delimiter", "decimal", "encoding", "skip_rows", "columns"}
     t = np.arange(200) * 0.01

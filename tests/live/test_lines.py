@@ -1,6 +1,9 @@
 """Lines of the device: what is taken, what is refused and why; devices of another make."""
 
+import re
+import tomllib
 from functools import reduce
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,3 +112,12 @@ def test_an_empty_cell_is_a_reading_that_is_missing():
     assert np.isnan(y)
     assert parse_sample(b"0.5;1e-6;", form) == "garbled"  # a voltage that is missing is none
     assert parse_sample(b";1e-6;900", form) == "garbled"
+
+
+def test_the_device_of_the_readme():
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    (block,) = [b for b in re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S) if b.startswith("[device]")]
+    form = parse_device(tomllib.loads(block)["device"], "README.md")
+    assert parse_sample(b"1500,0;0,65;-12,5", form) == pytest.approx((1.5, 650.0, 12.5e-6))
+    assert form.volts.format(volts=650.0) == "SET 650.0"
+    assert (form.start, form.stop, form.zero, form.play) == ("GO", "OFF", "TARE", "RUN {name}")
