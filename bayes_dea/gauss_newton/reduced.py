@@ -206,6 +206,14 @@ def subset(piece: Piece, keep: NDArray[np.bool_]) -> Piece:
     )
 
 
+def with_nuisance(piece: Piece, columns: Array, sd: Array) -> Piece:
+    """A piece to which its recording adds further columns (k, n) by its rows, each of any size of the sd (k,)."""
+    means = block_means(columns, piece.blocks, ~piece.prepared.observed)
+    return replace(
+        piece, nuisance=np.concatenate([piece.nuisance, means]), nuisance_sd=np.append(piece.nuisance_sd, sd)
+    )
+
+
 def reduce_campaign(assembled: Assembled) -> tuple[Piece, ...]:
     """Pieces of every recording that the model can answer, in the campaign's order."""
     posterior = assembled.posterior

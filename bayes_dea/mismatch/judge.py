@@ -7,11 +7,13 @@ from typing import Any
 
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
+from .readings.own_drifts import OwnDrifts, own_drifts
 from .readings.own_gains import Gains, gains_of
 from .readings.scales import OddScale, odd_scale
 from .readings.seen import Seen
 from .readings.supply_offset import SupplyOffset, supply_offset
 from .readings.swinging import Swinging, swinging
+from .readings.under_way import UnderWay, under_way
 from .readings.uneven import Uneven, uneven_scatter
 from .search.hypotheses import DELAY, NONE, UNKNOWN
 from .search.naming import Explanation, Naming
@@ -41,13 +43,15 @@ class Judged:
     gains: Gains | None
     scale: OddScale | None  # of voltage and mechanical recordings, where nothing on the list explains them
     supply: SupplyOffset | None  # where it is likelier than what was named
+    begun: UnderWay | None  # recordings that did not begin at rest, where nothing on the list explains them
+    drifts: OwnDrifts | None  # of the sensor's zero, likewise
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
     terms: Terms | None  # beside its best partial explanation
 
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
-        beside = (self.scale, self.supply, self.uneven, self.swings, self.gains)
+        beside = (self.begun, self.drifts, self.scale, self.supply, self.uneven, self.swings, self.gains)
         out = [found.note() for found in beside if found is not None]
         best = self.explanation
         # a verdict with one effect more than the best explanation claims just what that leaves
@@ -79,9 +83,12 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     supply = supply_offset(naming, ruling.named, ready.prior)
     if supply is not None:
         ruling = ruling.overruled(supply.lead)
-    mended, terms, scale = None, None, None
+    mended, terms, scale, begun, drifts = None, None, None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)
+        most = max(naming.log_evidence.values())
+        begun = under_way(base, ready.prior, most)
+        drifts = None if begun else own_drifts(*_without_drift(naming), ready.prior, most)
         # where the best explanation leaves nothing, it is this that no physics explains
         strangest = supply or ((swings or gains) if best.adequate else None)
         if strangest is None:
@@ -109,9 +116,21 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         gains=gains,
         scale=scale,
         supply=supply,
+        begun=begun,
+        drifts=drifts,
         mended=mended,
         terms=terms,
     )
+
+
+def _without_drift(naming: Naming) -> tuple[Fit, str]:
+    """The best explanation without a drift that all recordings have in common, and its name."""
+    best = naming.best.weighed
+    rest = "+".join(e for e in best.effects if e != "sensor_drift")
+    if not rest:
+        return naming.none.weighed.fit, NONE
+    known = naming.weighed.get(rest, best)
+    return known.fit, known.name
 
 
 def named_fit(naming: Naming, name: str) -> Fit:
