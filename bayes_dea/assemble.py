@@ -35,7 +35,7 @@ _KNOWN, _UNLIKE = 4096, 1.4
 #: correlation from which on noise may be slower than rests tell, the error of its size (in the logarithm) from which on
 #: that is said, and a rest that tells it, in correlation times
 _SLOW, _UNKNOWN, _RESTS = 0.95, 0.1, 500.0
-#: recordings with drop-outs from which on these are said in one line
+#: recordings with drop-outs, or with readings that a sensor held, from which on these are said in one line
 _MANY = 3
 #: bytes a row (measured) while a model with effects works out its chain on the whole columns of a recording
 _EFFECT_BYTES, _MENTIONED_BYTES = 60, 1e9
@@ -222,7 +222,8 @@ def linearised(model: Model) -> Model:
 
 
 def _disturbances(prepared: Sequence[Prepared]) -> list[str]:
-    """What was found in the readings: drop-outs in one line where many recordings have some, and mains."""
+    """What was found in the readings: drop-outs and held readings, in one line where many recordings have some, and
+    mains."""
     spoiled = [p for p in prepared if p.dropouts]
     if len(spoiled) < _MANY:
         out = [f"{p.name}: {_count(p.dropouts)} ({_share([p])} of the samples) found and masked" for p in spoiled]
@@ -231,12 +232,19 @@ def _disturbances(prepared: Sequence[Prepared]) -> list[str]:
         each = ", ".join(f"{p.name} {p.dropouts}" for p in spoiled)
         found = f"{_count(total)} ({_share(spoiled)} of the samples)"
         out = [f"{found} found and masked in {len(spoiled)} recordings: {each}"]
-    out += [
-        f"{p.name}: its sensor held a value where it should scatter, {p.stuck} readings in all; they are masked. "
-        "Check the sensor"
-        for p in prepared
-        if p.stuck
-    ]
+    stuck = [p for p in prepared if p.stuck]
+    if len(stuck) < _MANY:
+        out += [
+            f"{p.name}: its sensor held a value where it should scatter, {p.stuck} readings in all; they are masked. "
+            "Check the sensor"
+            for p in stuck
+        ]
+    else:
+        each = ", ".join(f"{p.name} {p.stuck}" for p in stuck)
+        out.append(
+            f"in {len(stuck)} recordings the sensor held a value where it should scatter; these readings are masked: "
+            f"{each}. Check the sensor"
+        )
     for p in prepared:
         if p.mains is not None:
             how = "was found and is modelled"

@@ -68,6 +68,8 @@ def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> SupplyOffset
     best = naming.best.weighed
     if named == NONE or not any(p.nodes is not None for p in best.fit.problem.pieces):
         return None
+    if named not in naming.log_evidence or (named != UNKNOWN and named not in naming.weighed):
+        return None
     effects = best.effects if named == UNKNOWN else naming.weighed[named].effects
     odds, singles = prior_odds(), sum("+" not in n for n in naming.weighed)
 
