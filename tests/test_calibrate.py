@@ -205,7 +205,8 @@ def _quiet_arguments():
 def test_what_is_left_out_is_told_in_units_that_people_use():
     def recording(name, channel, rmse, noise, offset, chance=1.1):
         return SimpleNamespace(name=name, channel=channel, rmse=rmse, noise_floor=noise, chi2_reduced=1.9, gain=-0.5,
-                               chi2_by_chance=chance, offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1)
+                               chi2_by_chance=chance, offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1,
+                               slow=None)
 
     said = _notes(*_quiet_arguments(),
                   [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, -2.4e-3),

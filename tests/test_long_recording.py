@@ -19,7 +19,7 @@ from bayes_dea.errors import InputError
 from bayes_dea.likelihood import basis, block_group, gram, prepare
 from bayes_dea.models import electrostatics, lags
 from bayes_dea.models.model import build_model
-from bayes_dea.noise import blocks, dropouts, edges, kinks, mains, quiet
+from bayes_dea.noise import blocks, dropouts, edges, kinks, lost, mains, quiet
 from bayes_dea.page_data import PageSettings, reduce_recording
 
 ACTUATOR = Actuator(layers=1000, layer_thickness_m=40e-6, relative_permittivity=3.0, electrode_area_m2=1e-4,
@@ -149,8 +149,8 @@ def cut(request, monkeypatch):
     def both(function):
         whole = function()
         with monkeypatch.context() as patch:
-            for module in (scratch, order, edges, kinks, dropouts, quiet, mains, blocks, metrics, gram, basis, prepare,
-                           lags, electrostatics, block_group, sys.modules["bayes_dea.page_data"],
+            for module in (scratch, order, edges, kinks, dropouts, lost, quiet, mains, blocks, metrics, gram, basis,
+                           prepare, lags, electrostatics, block_group, sys.modules["bayes_dea.page_data"],
                            sys.modules["bayes_dea.assemble"]):  # fmt: skip
                 for name in ("BLOCK", "PIECE"):
                     if hasattr(module, name):
@@ -191,6 +191,16 @@ def test_noise_in_pieces(cut):
                          lambda u=u: np.concatenate(list(vars(blocks.log_blocks(t, u, y=y)).values()))):  # fmt: skip
             whole, pieced = cut(function)
             np.testing.assert_array_equal(whole, pieced)
+
+
+def test_a_lost_target_in_pieces(cut):
+    _, volts, y = signals()
+    y = y.copy()
+    for at, value in ((990, 5e-3), (12_000, 0.0), (25_000, -3e-3)):
+        y[at : at + 30] = value
+    whole, pieced = cut(lambda: lost.find_lost(y, np.nan_to_num(volts)))
+    assert np.count_nonzero(whole) >= 60
+    np.testing.assert_array_equal(whole, pieced)
 
 
 def test_mains_in_pieces(cut):

@@ -82,7 +82,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     ruling = verdict_of(naming, facts, strange)
     supply = supply_offset(naming, ruling.named, ready.prior)
     if supply is not None:
-        ruling = ruling.overruled(supply.lead)
+        ruling = ruling.overruled(supply.lead, supply.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0))
     mended, terms, scale, begun, drifts = None, None, None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)

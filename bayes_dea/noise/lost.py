@@ -112,10 +112,10 @@ def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tu
     likely = opposite & (stop - first >= 2) & (stop - first <= _MOST * y.size) & (y[first] == y[stop - 1])
     if not likely.any():
         return []
-    seen = [y[p][~known[p]] for p in pieces(y.size, BLOCK)]
-    ends = min(float(np.fmin.reduce(s, initial=np.inf)) for s in seen), max(
-        float(np.fmax.reduce(s, initial=-np.inf)) for s in seen
-    )
+    ends = np.inf, -np.inf
+    for part in pieces(y.size, BLOCK):
+        seen = y[part][~known[part]]
+        ends = float(np.fmin.reduce(seen, initial=ends[0])), float(np.fmax.reduce(seen, initial=ends[1]))
     edges = find_edges(u)
     values, count = np.unique(y[first[likely]], return_counts=True)
     often = dict(zip(values.tolist(), count.tolist(), strict=True))

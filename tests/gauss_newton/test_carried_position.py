@@ -55,7 +55,7 @@ class Piece:
 
     def __init__(self, carried):
         rng = np.random.default_rng(0)
-        self.channel, self.rate, self.white_variance = "force", 0, 1e-6
+        self.channel, self.rate, self.further_variance = "force", 0, 1e-6
         self.carried = carried
         self.nuisance, self.nuisance_sd = np.empty((0, carried.shape[1])), np.empty(0)
         self.whiteners = Latest()

@@ -27,6 +27,9 @@ def test_an_offset_of_the_supply_is_no_effect_of_the_actuator():
     assert abs(term["mean"] - 10.0) < 4 * term["sd"] < 4.0
     assert (s["repair"]["stage"], term["unit"]) == ("electrical", "V")
     assert s["statement"].startswith("An offset of the supply of ")
+    first, *others = s["hypotheses"]
+    assert first["name"] == "unknown"
+    assert all(first["log_evidence"] > h["log_evidence"] for h in others if h["log_evidence"] is not None)
 
 
 @pytest.mark.long

@@ -39,11 +39,13 @@ _ALIKE = frozenset({
 
 @dataclass(frozen=True)
 class SupplyOffset:
-    """Volts that are added to every command, their standard deviation, and nats by which they lead what was named."""
+    """Volts that are added to every command, their standard deviation, nats by which they lead what was named, prior
+    odds in, and the log evidence."""
 
     volts: float
     sd: float
     lead: float
+    log_evidence: float
     beside: str  # what else is in the model
 
     def note(self) -> str:
@@ -90,7 +92,7 @@ def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> SupplyOffset
         cost = weight(0.0, len(rest)) + math.log(_PRIOR)
         at = offset_of(known.fit, prior, against + _CLEAR - cost)
         if at is not None:
-            found.append(SupplyOffset(at[0], at[1], at[2] + cost - against, "+".join(rest) or NONE))
+            found.append(SupplyOffset(at[0], at[1], at[2] + cost - against, at[2], "+".join(rest) or NONE))
     return max(found, key=lambda o: o.lead, default=None)
 
 
