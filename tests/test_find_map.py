@@ -81,7 +81,8 @@ QUICK = [
 ]
 
 
-@pytest.mark.parametrize("material", QUICK, ids=lambda m: f"{m.tau_s[0]:g} s")
+@pytest.mark.parametrize("material", [QUICK[0], *(pytest.param(m, marks=pytest.mark.long) for m in QUICK[1:])],
+                         ids=lambda m: f"{m.tau_s[0]:g} s")
 def test_an_actuator_that_is_quicker_than_most_is_found(material):
     """Its time constants lie two to three sds of their priors away, in a corner that quantiles leave no room for."""
     plans = (

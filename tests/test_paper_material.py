@@ -348,6 +348,7 @@ def test_a_strain_error_alone_makes_the_first_branch() -> None:
     assert low < PAPER.maxwell.k_Pa[0] < high
 
 
+@pytest.mark.long
 def test_unknown_zero_widens_the_slow_time_constant() -> None:
     rng = np.random.default_rng(5)
     r = record(PAPER, rng, 0.15)

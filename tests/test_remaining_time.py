@@ -69,7 +69,9 @@ def calibration(tiny, tmp_path_factory):
     return tmp_path_factory.mktemp("remaining") / "calibration"
 
 
-@pytest.mark.parametrize("verb", OPTIONS)
+@pytest.mark.parametrize("verb", [
+    pytest.param(v, marks=pytest.mark.long) if v in ("diagnose", "next_") else v for v in OPTIONS
+])
 def test_phases_say_how_far_they_are(tiny, reports, calibration, tmp_path, verb):
     out = calibration if verb == "calibrate" else tmp_path / "out"
     check(reports(verb, tiny, *OPTIONS[verb], "--out", out), BOUNDED[verb])

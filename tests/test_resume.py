@@ -228,6 +228,7 @@ def test_resume_and_anew(small_campaign, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.usefixtures("without_refits")
+@pytest.mark.long
 def test_a_run_that_stopped_too_early_goes_on_when_it_may_take_longer(campaign, undisturbed, tmp_path):
     seen = []
     short = replace(QUICK, sampler=replace(QUICK.sampler, max_steps=100))
@@ -284,6 +285,7 @@ def test_permuted_columns_change_nothing(voltage_campaign, undisturbed, tmp_path
     assert without[0] == without[1]
 
 
+@pytest.mark.long
 def test_order_of_recordings_matters_no_more_than_chance(voltage_campaign, converged, calibrated, tmp_path_factory):
     folder = shutil.copytree(voltage_campaign, tmp_path_factory.mktemp("reversed") / "voltage")
     toml = folder / "campaign.toml"

@@ -99,6 +99,7 @@ def draws_of(e, n, steps=400):
 @pytest.mark.parametrize("effect", [
     "series_resistance", *(pytest.param(e, marks=pytest.mark.long) for e in EFFECTS if e != "series_resistance"),
 ])
+@pytest.mark.long
 def test_emulated_and_simulated_density_agree_over_the_posterior(effect):
     e, _ = emulation_of(effect)
     q = draws_of(e, 150)

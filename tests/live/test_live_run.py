@@ -296,6 +296,7 @@ def test_interrupted_by_ctrl_c_it_ramps_down_and_keeps_all(toml, tmp_path):
     assert not written["complete"]
 
 
+@pytest.mark.long
 def test_an_earlier_posterior_is_the_prior(toml, tmp_path):
     first = tmp_path / "first"
     with served(device(), TcpPort("127.0.0.1", 0)) as name:

@@ -65,6 +65,7 @@ def test_mains_that_leaps_up_is_no_alarm():
     assert "taken out" in one.mains.words()[0]
 
 
+@pytest.mark.long
 def test_more_scatter_that_is_no_line_still_is_an_alarm():
     rows = played("short", rate_Hz=400.0)
     late = rows[:, 0] > 6

@@ -201,6 +201,7 @@ def test_a_command_that_is_on_in_the_first_row_raises_no_alarm(plain):
     assert not s["mismatch"]["detected"]
 
 
+@pytest.mark.long
 def test_what_follows_an_edge_of_a_slow_sensor_is_no_false_reading():
     """A supply of 37 V/ms, read at every fifth row: readings of its first edges were taken for drop-outs."""
     def every_fifth(y, _):

@@ -23,6 +23,7 @@ def captured(campaign):
     return replace(campaign, recordings=tuple(out))
 
 
+@pytest.mark.long
 def test_rows_that_are_correlated_otherwise_are_no_mismatch():
     """0.7 from row to row at 1 kHz, nothing at 50 Hz."""
     s = diagnose(captured(concealed(rho=0.7)), "hooke+gm3", seed=1).summary

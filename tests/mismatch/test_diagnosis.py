@@ -54,7 +54,7 @@ def test_nothing_left_out(diagnosed):
     assert "no reason to doubt" in s["statement"]
 
 
-LONG = ("acquisition_delay", "rate_independent_hysteresis", "sensor_clipping")
+LONG = ("acquisition_delay", "one_quadrant_supply", "rate_independent_hysteresis", "sensor_clipping")
 
 
 @pytest.mark.parametrize("name", [

@@ -82,6 +82,7 @@ def test_where_an_effect_has_no_answer_beside_the_rest_the_whole_begins_in_the_m
     assert middle.values()["R_s_ohm"] == pytest.approx(whole.values()["R_s_ohm"], rel=1e-3)
 
 
+@pytest.mark.long
 def test_a_law_that_bends_begins_where_its_linearisation_ends():
     """Yeoh's law on a softening that it can only imitate: a polish by numerical Hessians ended millions of nats off."""
     fit, prior = _fitted({"amplitude_softening": dict(ALL["amplitude_softening"].parameters)}, "yeoh+gm3", True)

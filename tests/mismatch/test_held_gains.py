@@ -52,6 +52,7 @@ def test_a_sensor_that_was_moved_is_told_without_a_second_search(searches):
         ({}, {**SIZES, "triangle_1Hz.csv": 1.03}),
     ],
 )
+@pytest.mark.long
 def test_what_may_be_more_than_that_is_searched_again(searches, monkeypatch, effects, sizes):
     answers, asked = [], diagnosis.held_gains
 

@@ -39,6 +39,7 @@ def fitted(monkeypatch, tried):
     return out
 
 
+@pytest.mark.long
 def test_no_pair_is_fitted_where_none_promises_a_tenth_of_what_is_left(fitted, tried):
     """A crosstalk of the supply is on no list; beside what does best alone nothing takes it away."""
     result = diagnose(concealed({"edge_crosstalk": CROSSTALK}), "hooke+gm3", seed=1)

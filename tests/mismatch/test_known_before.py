@@ -31,6 +31,7 @@ def fitted(campaign, effects=()):
     return refit(base.problem.with_model(model), start, prior.start(), prior), prior
 
 
+@pytest.mark.long
 def test_it_is_fitted_again_though_recordings_bring_zeros_of_their_own(pressed):
     part, _ = fitted(pressed, ["series_resistance"])
     base, prior = fitted(all_to_identify(pressed))

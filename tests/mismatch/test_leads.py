@@ -128,6 +128,7 @@ def test_a_lead_below_a_sample_is_timing_whether_two_samples_fit_into_its_prior_
 
 
 @pytest.mark.parametrize("late_s", [-0.03, pytest.param(0.07, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_parts_of_a_sample_are_timing_also_where_a_sample_is_long(late_s, tmp_path):
     s = diagnose(sampled_at(10.0, tmp_path, late_s), "hooke+gm3").summary
     assert s["verdict"] == "none"

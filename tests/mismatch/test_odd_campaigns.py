@@ -57,6 +57,7 @@ def test_where_next_to_nothing_lies_below_the_middle_no_fit_begins_there():
     assert low_start(none_below, prior, []) is None
 
 
+@pytest.mark.long
 def test_recordings_at_rest_and_a_press_are_diagnosed():
     """What a voltage drove is left for the proof; nothing to identify was driven by one."""
     campaign = concealed(pressed=True)

@@ -114,6 +114,7 @@ def test_physics_is_named_beside_them(monkeypatch):
     ({}, FACTORS - 0.3 * (FACTORS - 1.0), True),
     pytest.param({"series_resistance": {"R_s_ohm": 1.2e5}}, FACTORS, False, marks=pytest.mark.long),
 ])  # fmt: skip
+@pytest.mark.long
 def test_no_effect_is_fitted_where_gains_leave_nothing_and_none_promises_more(monkeypatch, effects, factors, at_once):
     ended, search = [], sought.name_physics
 
@@ -144,6 +145,7 @@ def test_one_recording_of_another_size_is_of_another_actuator():
     assert "gain differs" not in s["statement"]
 
 
+@pytest.mark.long
 def test_pairs_that_were_put_off_are_sought_where_gains_do_not_settle_it(monkeypatch):
     """On the grids that the first search has filled."""
     asked, grids = [], []

@@ -35,6 +35,7 @@ def fitted():
     return fit, prior, problem.model.coordinate_names.index("log beta")
 
 
+@pytest.mark.long
 def test_it_is_as_wide_as_fits_beside_the_maximum_say(fitted):
     """The recordings end before the slowest mode does: modulus, mode and stiffening trade for next to nothing."""
     fit, prior, own = fitted

@@ -170,6 +170,7 @@ def test_a_recording_of_another_actuator_among_those_to_validate_is_named():
     assert s["mismatch"]["where"][0]["recording"] == "triangle_1Hz.csv"
 
 
+@pytest.mark.long
 def test_a_mechanical_recording_to_validate_has_its_own_position_of_contact():
     """Where the plates touch is its own affair: no error of the model, and no contradiction."""
     result = diagnose(concealed(pressed=True), "hooke+gm3")

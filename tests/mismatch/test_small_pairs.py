@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import pytest
 from concealed_campaigns import concealed
 
 import bayes_dea as bd
 from bayes_dea.mismatch.diagnosis import diagnose
 
 
+@pytest.mark.long
 def test_two_effects_below_the_resolution_are_no_unknown_physics():
     """0.3 um of both where a step is 4 um: neither alone leaves noise, and "unknown" was said of that at 0.96."""
     effects = {"charge_retention": {"a_q": 0.05, "tau_q_s": 30.0}, "sensor_drift": {"drift_m_per_s": 3e-8}}

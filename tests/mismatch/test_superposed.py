@@ -79,6 +79,7 @@ def curved():
     return Frame(first_fit(assembled, problem, prior, np.random.default_rng(1), DiagnosisSettings().map))
 
 
+@pytest.mark.long
 def test_on_a_curved_law_a_mass_is_looked_for_on_a_straight_one(curved, monkeypatch):
     dear = []
     tried = Frame.tried

@@ -43,7 +43,9 @@ def test_a_stand_that_shakes_is_seen_with_its_frequency_and_size(sd_m):
     assert "swing at" in found.note()
 
 
-@pytest.mark.parametrize(("rho", "scale"), [(0.0, 1.0), (0.8, 0.5), (0.8, 2.0)])
+@pytest.mark.parametrize(("rho", "scale"), [
+    (0.8, 0.5), *(pytest.param(*p, marks=pytest.mark.long) for p in ((0.0, 1.0), (0.8, 2.0))),
+])
 def test_noise_has_no_line(rho, scale):
     """What is asked for, four times the neighbours at a chance of one in a million, never comes in nine campaigns."""
     for seed in range(3):

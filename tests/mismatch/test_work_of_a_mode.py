@@ -41,6 +41,7 @@ def test_a_lag_that_the_base_does_by_a_mode_is_found_in_its_place():
     assert not {"sensor_drift", "series_resistance"} & {w.name for w in found}  # they do nothing of the kind
 
 
+@pytest.mark.long
 def test_nothing_is_tried_where_no_mode_stands_in():
     base, found = in_its_place(0.0)
     assert not stands_in(base)
