@@ -172,7 +172,7 @@ def _follow(
     run = _Run(out, make_learner(built, bench, seed, s.learner, s.start), Journal(out, bench), s, seed, campaign, show)
     last = run.recover(resume)
     warm_up(built, bench, s.learner)
-    zero = s.zero and last is None  # in the middle of a session it would be a step, and no rest is known of
+    zero = s.zero and not run.received  # in the middle of a session it would be a step, and no rest is known of
     if s.zero and not zero:
         run.warnings.append(
             "--zero is not sent again where a run goes on: it would be a step in the middle of a session. Samples go "

@@ -94,20 +94,16 @@ def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
 
     noise_sd: what the sensor scatters by at rest, in the unit of y. Where it does not scatter, repeats say nothing. A
     value that is held several times is a limit, the end of a range within drop-outs, and is left to those who ask for
-    it; the lowest one is what a sensor shows that has lost its target, from the first row on. A sensor that repeats
-    itself most of the time has steps coarser than its noise.
+    it; a sensor that repeats itself most of the time has steps coarser than its noise.
     """
     x = np.asarray(y, dtype=float)
     out = beside(x, np.bool_)
     runs = _runs(x) if noise_sd > 0.0 else None
     if runs is None or runs[2] > _COARSE * x.size:
         return out
-    flats = _too_long(x, runs, FALSE_ALARM)
+    flats = [f for f in _too_long(x, runs, FALSE_ALARM) if f.kind == "stuck"]
     values = [f.value for f in flats]
-    lowest = float(np.fmin.reduce(x))
     for f in flats:
-        if f.value == lowest:
-            out[f.start : f.stop] = True
-        elif f.kind == "stuck" and values.count(f.value) == 1:
+        if values.count(f.value) == 1:
             out[f.start + 1 : f.stop] = True
     return out

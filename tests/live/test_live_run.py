@@ -42,13 +42,6 @@ def served(machine, port, speed=0.0):
         thread.join(timeout=5)
 
 
-@pytest.fixture
-def toml(tmp_path):
-    path = tmp_path / "campaign.toml"
-    path.write_text(TOML)
-    return path
-
-
 def follow(name, toml, out, **options):
     options.setdefault("play", "short")
     resume = options.pop("resume", False)

@@ -8,7 +8,7 @@ import tty
 
 import numpy as np
 import pytest
-from stream import ACTUATOR, TOML, device, learner
+from stream import ACTUATOR, device, learner
 from test_live_run import follow, served
 
 from bayes_dea import cli
@@ -21,13 +21,6 @@ from bayes_dea.live.lines import own_format, parse_device
 from bayes_dea.live.run import View
 
 OWN = '[device]\norder = ["time_s", "voltage_V", "displacement_m"]\nchecksum = "xor"\nstart = "START"\n'
-
-
-@pytest.fixture
-def toml(tmp_path):
-    path = tmp_path / "campaign.toml"
-    path.write_text(TOML)
-    return path
 
 
 def written(tmp_path, text):

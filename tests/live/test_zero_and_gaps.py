@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from stream import BENCH, TOML, device, played, taught
+from stream import BENCH, device, played, taught
 from test_live_run import follow, served
 from test_reader_clock import line
 
@@ -15,13 +15,6 @@ from bayes_dea.live.driver import Driver
 from bayes_dea.live.journal import Journal
 from bayes_dea.live.lines import parse_device
 from bayes_dea.live.reader import Reader
-
-
-@pytest.fixture
-def toml(tmp_path):
-    path = tmp_path / "campaign.toml"
-    path.write_text(TOML)
-    return path
 
 
 def test_a_run_that_goes_on_is_not_zeroed_again(toml, tmp_path):

@@ -12,9 +12,9 @@ from bayes_dea.mismatch.readings.supply_offset import offset_of, with_offset
 from bayes_dea.mismatch.verdict import Ruling
 
 
-def commanded(volts, effects=None):
+def commanded(volts, effects=None, scale=0.3):
     """A campaign whose supply gave so many volts more than its command says; a third of the usual noise."""
-    c = concealed(effects, scale=0.3)
+    c = concealed(effects, scale=scale)
     return replace(c, recordings=tuple(
         replace(r, columns={**r.columns, "voltage_V": r.columns["voltage_V"] - volts}) for r in c.recordings))
 
@@ -62,3 +62,11 @@ def test_what_is_unlisted_takes_the_probability_that_its_lead_says():
     assert over.probability == pytest.approx(
         {"leakage": 0.8 / total, "inertia": 0.15 / total, "unknown": (0.05 + 7.2) / total})
     assert sum(over.probability.values()) == pytest.approx(1.0)
+
+
+def test_a_small_one_is_found_where_the_sensor_is_fine():
+    """Of 2 V: at 5 V the recordings are met worse than at none."""
+    problem, prior, q = problem_of(commanded(2.0, scale=0.05))
+    fit = refit(problem, q, prior.start(), prior)
+    volts, sd, _ = offset_of(fit, prior, fit.log_evidence)
+    assert abs(volts - 2.0) < 4 * sd < 2.0

@@ -24,7 +24,7 @@ from ..search.hypotheses import NONE, UNKNOWN, prior_odds
 from ..search.naming import Naming
 
 #: sd (V) of the prior of an offset, the largest that is looked for, and where is looked first
-_SD_V, _LARGEST_V, _FIRST_V = 5.0, 30.0, 5.0
+_SD_V, _LARGEST_V, _FIRST_V = 5.0, 30.0, 1.0
 #: prior probability of one worth a word, and nats by which it has to lead
 _PRIOR, _CLEAR = 0.01, 3.0
 #: nats that a parabola through three places may be off by
@@ -75,11 +75,8 @@ def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> SupplyOffset
     effects = best.effects if named == UNKNOWN else naming.weighed[named].effects
     odds, singles = prior_odds(), sum("+" not in n for n in naming.weighed)
 
-    def weight(log_evidence: float, count: int) -> float:
-        return log_evidence + math.log(odds.of(count, singles) / odds.none)
-
-    against = naming.log_evidence[named] + (
-        math.log(odds.unknown / odds.none) if named == UNKNOWN else weight(0.0, len(effects))
+    against = naming.log_evidence[named] + math.log(
+        odds.unknown if named == UNKNOWN else odds.of(len(effects), singles)
     )
     rests = {tuple(e for e in effects if e != left) for left in effects if left in _ALIKE}
     if named == UNKNOWN:
@@ -89,7 +86,7 @@ def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> SupplyOffset
         known = naming.none.weighed if not rest else naming.weighed.get("+".join(rest))
         if known is None:
             continue
-        cost = weight(0.0, len(rest)) + math.log(_PRIOR)
+        cost = math.log(odds.of(len(rest), singles) * _PRIOR)
         at = offset_of(known.fit, prior, against + _CLEAR - cost)
         if at is not None:
             found.append(SupplyOffset(at[0], at[1], at[2] + cost - against, at[2], "+".join(rest) or NONE))
@@ -112,7 +109,7 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> tuple[float, float,
         return known[volts]
 
     if not at(_FIRST_V) > known[0.0]:
-        return None  # at none better than at five: what there is lies below, where it has a name
+        return None  # none, or one below zero, which has a name
     step = _FIRST_V
     while step < _LARGEST_V and at(min(2.0 * step, _LARGEST_V)) > at(step):
         step = min(2.0 * step, _LARGEST_V)
