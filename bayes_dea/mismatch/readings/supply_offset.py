@@ -61,8 +61,8 @@ class SupplyOffset:
         """The "repair" of diagnosis.json (see `unknown.repair`)."""
         term = {"term": "offset of the supply", "mean": self.volts, "sd": self.sd, "unit": "V",
                 "inclusion_probability": 1.0 / (1.0 + math.exp(-min(self.lead, 500.0)))}  # fmt: skip
-        return {"stage": "electrical", "acts_on": "the command", "form": "command + V_0", "terms": [term],
-                "partial": partial}  # fmt: skip
+        return {"stage": "electrical", "acts_on": "the command",
+                "form": f"command + {self.volts:.2g} V", "terms": [term], "partial": partial}  # fmt: skip
 
 
 def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> SupplyOffset | None:
