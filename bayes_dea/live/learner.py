@@ -23,6 +23,7 @@ from ..likelihood.prepare import begins_under_voltage
 from ..models.electrostatics import stress_factor, stroke_factor
 from ..models.model import Model
 from ..noise.dropouts import find_dropouts
+from ..noise.lost import find_lost
 from ..noise.stated import signal_size
 from ..predict_recordings import conditional_gain
 from ..quantities import reported_quantities
@@ -44,6 +45,8 @@ _FOR_RATE = 200
 _CONTEXT, _BEFORE = 12, 300
 #: in local robust sds, as in noise.dropouts; higher, since a block knows less of what is usual than a recording
 _DROPOUT_SDS = 6.0
+#: share of a block and of what is known beside it that a lost target may be
+_MOST_LOST = 0.25
 #: readings kept for the span of the signal
 _KEPT = 100_000
 
@@ -415,8 +418,9 @@ class Learner:
 
     def _dropouts(self, rows: Array, context: tuple[Array, Array]) -> NDArray[np.bool_]:
         all_rows = np.concatenate([context[0], rows, context[1]])
-        found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS,
-                              resolution=self.bench.sensor.resolution)
+        step = self.bench.sensor.resolution
+        found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS, resolution=step)
+        found |= _lost(all_rows, step)
         return np.asarray(found[len(context[0]) : len(context[0]) + len(rows)] | standing_still(rows[:, 2]))
 
     def _without_first(self, rows: Array, context: tuple[Array, Array], masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -485,6 +489,14 @@ class Learner:
             mean = float(w @ v)
             out[name] = {"mean": mean, "sd": math.sqrt(float(w @ (v - mean) ** 2))}
         return out
+
+
+def _lost(rows: Array, resolution: float | None) -> NDArray[np.bool_]:
+    """Which of the rows (n, 3) are of a lost target; one that is not over at the last row counts as over."""
+    t, u, y = rows.T
+    if y.size > _CONTEXT and np.all(y[-_CONTEXT:] == y[-1]) and np.any(y != y[-1]):
+        u, y = np.append(u, u[-1]), np.append(y, y[np.flatnonzero(y != y[-1])[-1]])
+    return find_lost(y, u, resolution=resolution, most=_MOST_LOST)[: t.size]
 
 
 def _already(columns: Array) -> Beyond:

@@ -108,8 +108,8 @@ class Monitor:
         if not unusual or time_s < self._dropouts_until:
             return []
         self._dropouts_until = time_s + self.settings.quiet_s
-        return [Alarm(time_s, f"drop-outs: {count} of {rows} readings stand alone; {rate * rows:.1f} were usual. Look "
-                      "at the sensor's target and cable.")]
+        return [Alarm(time_s, f"drop-outs: {count} of {rows} readings are false, alone or held; {rate * rows:.1f} were "
+                      "usual. Look at the sensor's target and cable.")]
 
     def standing(self, readings: Array, time_s: float) -> list[Alarm]:
         """An alarm for readings (n,) in m that are all the same."""
@@ -147,6 +147,9 @@ class Monitor:
         z = np.zeros(len(_WHAT))
         acting = size > 1e-6 * m
         spread = np.sqrt(size + scores.var(axis=1))
+        effects = scores.mean(axis=1) / np.maximum(size, 1e-300)
+        # no delay moves readings further than the block changes by
+        acting[2] &= abs(effects[2]) * self.step_s / sd < rows.time_s[-1] - rows.time_s[0]
         z[:3][acting] = scores.mean(axis=1)[acting] / spread[acting]
         error = y - predicted.mean(axis=1)
         raw = rows.F[:, -1] - rows.F[:, :-2] @ mean - rows.F[:, -2] * float(offset.mean())
@@ -168,7 +171,6 @@ class Monitor:
             which = int(np.argmax(np.where(sums > self.settings.threshold, np.abs(z), -1.0)))
         self._cusum.reset()
         self._quiet_until = now + self.settings.quiet_s
-        effects = scores.mean(axis=1) / np.maximum(size, 1e-300)
         alike = abs(float(D[:, 0] @ D[:, 1])) > _ALIKE * math.sqrt(size[0] * size[1]) and size[1] > 0
         if which < 2 and alike:
             return [Alarm(now, f"stroke or level: while the command stood still the readings came out "

@@ -20,8 +20,10 @@ _MOST = 0.05
 #: what a held value has to jump by on either side: in sds of what noise changes from row to row, in resolution steps,
 #: as a share of what is spanned, and in the largest changes of the rows beside it
 _SDS, _STEPS, _SHARE, _CHANGES = 20.0, 5.0, 1e-3, 4.0
-#: rows beside a jump whose changes are looked at, and rows around it in which the input does not jump
-_BESIDE, _QUIET = 5, 5
+#: sds that are enough where a value is held for longer than chance makes equal readings, and what chance that is
+_SDS_LONG, _CHANCE = 5.0, 1e-12
+#: changes beside a jump that are looked at, within how many rows, and rows around it in which the input does not jump
+_BESIDE, _NEAR, _QUIET = 5, 250, 5
 #: the same before jumps to the largest or smallest reading, where a sensor's range may end: what is late comes then
 _QUIET_AT_END = 100
 #: jumps of the input to one run of a value from which on the runs are no answer to them
@@ -30,27 +32,30 @@ _EDGES_A_RUN = 8
 _LEARNED = 200_000
 
 
-def find_lost(y: ArrayLike, u: ArrayLike, *, resolution: float | None = None) -> NDArray[np.bool_]:
+def find_lost(y: ArrayLike, u: ArrayLike, *, resolution: float | None = None, most: float = _MOST
+              ) -> NDArray[np.bool_]:
     """Mask of readings of a lost target, True where a reading is false; shape (n,). Runs of any length are found.
 
     A reading is false where it lies beyond what the readings of all levels of the input span by twice that span; and
     where it belongs to a run of one and the same value, two rows or more, that the readings leap to and back from, by
-    twenty sds of what noise changes from row to row and four times the changes beside, while the input does not. Where
-    more than a twentieth would be false nothing is: it is not known then which readings are true.
+    twenty sds of what noise changes from row to row (five for more rows than chance makes equal) and four times the
+    changes beside, while the input does not. Where
+    more than `most` would be false nothing is: it is not known then which readings are true.
 
     Parameters
     ----------
     y : observed column, shape (n,); nan cells are gaps and never flagged.
     u : input, shape (n,).
     resolution : quantisation step.
+    most : share of the readings that may be false, by default a twentieth.
     """
     values, drive = np.asarray(y, dtype=float), np.asarray(u, dtype=float)
     mask = beside(values, np.bool_)
     step = resolution or 0.0
     bottom, top = _beyond_all(values, drive, step, mask)
-    for first, stop in _held(values, drive, max(_STEPS * step, _SHARE * (top - bottom)), mask):
+    for first, stop in _held(values, drive, max(_STEPS * step, _SHARE * (top - bottom)), mask, most):
         mask[first:stop] = True
-    if np.count_nonzero(mask) > _MOST * values.size:
+    if np.count_nonzero(mask) > most * values.size:
         mask[:] = False
     return mask
 
@@ -94,10 +99,11 @@ def _beyond_all(y: Array, u: Array, step: float, mask: NDArray[np.bool_]) -> tup
     return bottom, top
 
 
-def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_], most: float) -> list[tuple[int, int]]:
     """Runs (first row, row behind the last) of one value that readings leap to and back from.
 
-    least: size of a leap; known (n,): readings that are false already, which are no end of a range.
+    least: size of a leap; known (n,): readings that are false already, which are no end of a range; most: share of the
+    readings that a run may be.
     """
     every = max(1, y.size // _LEARNED)
     # a wave changes from row to row, and hardly its slope
@@ -105,11 +111,14 @@ def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tu
     bends = bends[np.isfinite(bends)]
     if bends.size < 4 * _BESIDE:
         return []
-    least = max(least, _SDS * 1.4826 * float(np.median(bends)) / np.sqrt(3.0))
-    leaps = rows_where(lambda b, a: np.abs(b - a) > least, y[1:], y[:-1])
+    sd = 1.4826 * float(np.median(bends)) / np.sqrt(3.0)
+    leaps = rows_where(lambda b, a: np.abs(b - a) > max(least, _SDS_LONG * sd), y[1:], y[:-1])
     first, stop = leaps[:-1] + 1, leaps[1:] + 1
-    opposite = (y[leaps[:-1] + 1] - y[leaps[:-1]]) * (y[leaps[1:] + 1] - y[leaps[1:]]) < 0.0
-    likely = opposite & (stop - first >= 2) & (stop - first <= _MOST * y.size) & (y[first] == y[stop - 1])
+    into, out_of = y[leaps[:-1] + 1] - y[leaps[:-1]], y[leaps[1:] + 1] - y[leaps[1:]]
+    large = np.minimum(np.abs(into), np.abs(out_of)) > max(least, _SDS * sd)
+    long = stop - first >= _longer_than_chance(y)
+    likely = (into * out_of < 0.0) & (y[first] == y[stop - 1]) & (large | long)
+    likely &= (stop - first >= 2) & (stop - first <= most * y.size)
     if not likely.any():
         return []
     ends = np.inf, -np.inf
@@ -123,7 +132,7 @@ def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tu
     for a, b in zip(first[likely].tolist(), stop[likely].tolist(), strict=True):
         if known[a] or not bool(np.all(y[a:b] == y[a])):
             continue
-        usual = max(_largest_change(y[max(0, a - 1 - _BESIDE) : a]), _largest_change(y[b : b + 1 + _BESIDE]))
+        usual = max(_largest_change(y[max(0, a - _NEAR) : a][::-1]), _largest_change(y[b : b + _NEAR]))
         if min(abs(y[a] - y[a - 1]), abs(y[b] - y[b - 1])) <= _CHANGES * usual:
             continue
         # an answer to the input comes with it, or a little later, and does so again
@@ -135,6 +144,13 @@ def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_]) -> list[tu
     return out
 
 
+def _longer_than_chance(y: Array) -> float:
+    """Rows of one value that as many equal neighbours as there are do not make by chance."""
+    equal = (1 + rows_where(lambda b, a: b == a, y[1:], y[:-1]).size) / (1 + y.size)
+    return float(1.0 + np.log(_CHANCE) / np.log(equal)) if equal < 1.0 else np.inf
+
+
 def _largest_change(x: Array) -> float:
-    """From row to row; 0 without any."""
-    return float(np.fmax.reduce(np.abs(np.diff(x)), initial=0.0))
+    """Of the first few from row to row; 0 without any. A sensor slower than the rows changes only now and then."""
+    changes = np.abs(np.diff(x))
+    return float(np.fmax.reduce(changes[changes > 0.0][:_BESIDE], initial=0.0))

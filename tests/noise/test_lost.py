@@ -44,6 +44,30 @@ def test_bursts_of_any_length_are_found_wherever_they_stand(value, rows):
     assert np.array_equal(clean[~lost], y[~lost])
 
 
+@pytest.mark.parametrize("rows", [12, 60])
+def test_a_held_value_a_few_sds_off_is_found_where_chance_makes_no_such_run(rows):
+    """A leap of 16 sds of the noise; what is held for less than that needs twenty sds of its changes, 28."""
+    t, V, x = creep()
+    y = read(t, x)
+    lost = np.zeros(t.size, dtype=bool)
+    for at in (3000, 7000):
+        lost[at : at + rows] = True
+        y[at : at + rows] = STEP * np.round((x[at] - 16 * NOISE) / STEP)
+    assert np.array_equal(find_lost(y, V, resolution=STEP), lost)
+
+
+@pytest.mark.parametrize("hold", [5, 10, 20])
+@pytest.mark.parametrize("noise", [0.0, 0.3e-6, 2e-6])
+def test_a_sensor_slower_than_the_rows_has_lost_nothing(hold, noise):
+    """Each of its readings stands in several rows, also at the top of a wave."""
+    t = np.arange(0.0, 20.0, 1e-3)
+    for frequency in (0.5, 1.0, 3.0, 10.0):
+        V = 650.0 + 400.0 * np.sin(2 * np.pi * frequency * t)
+        y = STROKE * (V / 1050.0) ** 2 + noise * np.random.default_rng(1).standard_normal(t.size)
+        y = STEP * np.round(y[np.arange(t.size) // hold * hold] / STEP)
+        assert not find_lost(y, V, resolution=STEP).any()
+
+
 def test_bursts_in_a_wave_and_readings_that_scatter_far_off():
     t, V, x = wave()
     y = read(t, x)
