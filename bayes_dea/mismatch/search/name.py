@@ -44,7 +44,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
-from .shifted import read_early_or_late, shifted_rivals
+from .shifted import mass_read_early_or_late, read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 from .work_of_a_mode import instead_of_a_mode
@@ -380,8 +380,9 @@ class _Search:
         if not dear:
             top = self._thoughts(top)
         self._lead(top)
-        # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either
-        return self.best.adequate or excess(top.fit, prior) <= REMAINS * left_over
+        # the second of two effects leaves noise, that of three the weakest; what leaves most is no part of either, but
+        # for a shift below a sample, beside which a second effect may still be
+        return self.best.adequate or self.known.physics(top) < 2 or excess(top.fit, prior) <= REMAINS * left_over
 
     def _beside_what_is_enough(self, free: Weighed | None) -> list[Weighed]:
         """Further effects that may hide beside the best. free: it without a mode that stands in for one."""
@@ -419,9 +420,12 @@ class _Search:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
             more += self._taken(swapped)
-            if not self.quest.explained_by(top_of(more, start).fit):
-                more += self._taken(self._in_place_of_a_mode(start))
-        elif self.known.physics(start) == 1 and more:
+        top = top_of([start, *more], start)
+        if not self.quest.explained_by(top.fit):
+            more += self._taken(mass_read_early_or_late(top, self.known.weighed, self.quest))
+        if first_of_all and not self.quest.explained_by(top_of(more, start).fit):
+            more += self._taken(self._in_place_of_a_mode(start))
+        elif not first_of_all and self.known.physics(start) == 1 and more:
             more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
         return more
 

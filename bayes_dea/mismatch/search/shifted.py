@@ -8,7 +8,7 @@ a damper read late; no search beside the mass comes across the damper.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +16,11 @@ import numpy as np
 from ...gauss_newton.laws import laws_of_effect
 from ...gauss_newton.refit import refit
 from ..where.size import effect_size
-from .beside import beside_these, together
+from .beside import beside, beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
 from .phase import sample_step_s
-from .promising import RIVALS
+from .promising import MASS, RIVALS
 from .quest import Quest
 from .second_thoughts import beside_the_second
 from .weigh import Weighed, refine
@@ -66,6 +66,19 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
         if fit is not None:
             out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(first.fit, fit)))
     return sorted(out, key=lambda w: w.log_evidence)[-1:]
+
+
+def mass_read_early_or_late(top: Weighed, weighed: Mapping[str, Weighed], quest: Quest) -> list[Weighed]:
+    """A mass and a shift of the readings beside what else there is of an explanation, the shift known first.
+
+    What rings not far below half the sampling rate comes, a part of a sample late, in another phase: a mass of another
+    frequency, damped well, does a little of it, from which no descent leads to what rings. weighed: by name; without a
+    fit of the rest with a shift nothing is looked for.
+    """
+    late = weighed.get("+".join(together([n for n in top.effects if n != MASS], DELAY)))
+    if MASS not in top.effects or DELAY in top.effects or late is None or not late.refitted:
+        return []
+    return [w for w in beside(late, quest.among([MASS])) if w.refitted and w.fit is not late.fit]
 
 
 def shifted_rivals(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
