@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -46,11 +47,13 @@ class Trial:
 _COSTS = Costs(rest_s=600.0)
 #: sd of the slack before contact over the stack height, and the step of its derivative
 _SLACK_SHARE, _SLACK_STEP = 0.02, 0.002
+#: sd of an offset that is free, over the largest answer: what is far larger hides all else from the solver
+_FREE = 10.0
 
 
-def trials(actuator: Actuator, mechanical: bool) -> list[Trial]:
-    """The short menu within the limits of an actuator."""
-    return [Trial(e) for e in menu(limits_of_actuator(actuator, mechanical), "few")]
+def trials(actuator: Actuator, mechanical: bool, recordings: Iterable[Recording] = ()) -> list[Trial]:
+    """The short menu within the limits of an actuator, read as often as recordings of its bench are."""
+    return [Trial(e) for e in menu(limits_of_actuator(actuator, mechanical, recordings), "few")]
 
 
 def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
@@ -70,14 +73,14 @@ def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
     w = np.sqrt(trial.experiment.rows.readings) / (float(sigma) * math.sqrt((1 + r) / max(1 - r, 1e-6)))
     d = b.posterior.model.dimension
     root = np.linalg.cholesky(b.covariance[:d, :d] + 1e-14 * np.diag(np.diag(b.covariance)[:d]))
-    columns = [np.ones_like(y)]
+    columns = [np.full_like(y, _FREE * max(float(np.max(np.abs(y))), float(np.max(np.abs(z)))))]
     for i in range(d):
         q = b.x.copy()
         q[:d] += 0.3 * root[:, i]
         moved = _answer(b, q, trial)
         if moved is not None:
             columns.append((moved - z) / 0.3)
-    columns.append(z * 0.02)  # the gain of the sensor
+    columns.append(z * max(g.gain_sd for g in b.posterior.groups if g.channel == channel))
     height = trial.recording.actuator.stack_height_m
     if channel == "force" and height:  # and the slack before contact
         moved = _answer(b, b.x, trial, _SLACK_STEP * height)
@@ -85,8 +88,8 @@ def separation(a: Fitted, b: Fitted, trial: Trial) -> float:
             columns.append((moved - z) * (_SLACK_SHARE / _SLACK_STEP))
     A = np.stack(columns, axis=1) * w[:, None]
     g = A.T @ (w * (y - z))
-    H = A.T @ A + np.diag([1e-12, *np.ones(A.shape[1] - 1)])
-    return max(0.0, 0.5 * float(np.sum((w * (y - z)) ** 2) - g @ np.linalg.lstsq(H, g, rcond=1e-12)[0]))
+    H = A.T @ A + np.eye(A.shape[1])
+    return max(0.0, 0.5 * float(np.sum((w * (y - z)) ** 2) - g @ np.linalg.solve(H, g)))
 
 
 def _answer(fit: Fitted, q: Array, trial: Trial, zero_m: float = 0.0) -> Array | None:
@@ -103,9 +106,9 @@ def _answer(fit: Fitted, q: Array, trial: Trial, zero_m: float = 0.0) -> Array |
 
 def telling_apart(a: Fitted, b: Fitted, mechanical: bool) -> dict[str, Any] | None:
     """The trial that is expected to tell two fits apart fastest; None where no actuator is known to carry it out."""
-    actuator = a.assembled.prepared[0].recording.actuator
+    recordings = [p.recording for p in a.assembled.prepared]
     found = []
-    for trial in trials(actuator, mechanical):
+    for trial in trials(recordings[0].actuator, mechanical, recordings):
         nats = min(separation(a, b, trial), separation(b, a, trial))
         found.append((nats, trial))
     if not found:

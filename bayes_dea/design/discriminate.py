@@ -68,12 +68,13 @@ def expected_telling(
     roots, whitening, logdet = [], [], []
     for a in spread:
         b = a @ basis.T
-        L = np.linalg.cholesky(np.eye(mu.shape[1]) + b.T @ b)
-        roots.append(L)
-        whitening.append(np.linalg.inv(L).T)
-        logdet.append(2.0 * float(np.log(np.diag(L)).sum()))
+        # the symmetric root turns with the basis: outcomes are the same whatever basis a few draws more or less give
+        sizes, axes = np.linalg.eigh(np.eye(mu.shape[1]) + b.T @ b)
+        roots.append((axes * np.sqrt(sizes)) @ axes.T)
+        whitening.append((axes / np.sqrt(sizes)) @ axes.T)
+        logdet.append(float(np.log(sizes).sum()))
     log_p = np.log(np.maximum(probability, 1e-300))
-    e = rng.standard_normal((draws, rows.shape[0]))[:, : mu.shape[1]]
+    e = rng.standard_normal((draws, rows.shape[1])) @ basis.T
     e = np.concatenate([e, -e])
     nats, variance, right = 0.0, 0.0, 0.0
     apart = np.zeros((H, H))

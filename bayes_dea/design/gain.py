@@ -249,8 +249,10 @@ def shrinkage(at: Coordinates, quantities: Mapping[str, Array], after: Array) ->
         if not np.isfinite(x).all() or x.std() == 0:
             continue
         x = np.log(x) if (x > 0).all() else x
-        slope = np.linalg.lstsq(at.v, x - x.mean(), rcond=None)[0]
-        rest = float(np.var(x - x.mean() - at.v @ slope))
+        # the draws that are simulated have other means than all of them have
+        v = at.v - at.v.mean(axis=0)
+        slope = np.linalg.lstsq(v, x - x.mean(), rcond=None)[0]
+        rest = float(np.var(x - x.mean() - v @ slope))
         out[name] = float(np.sqrt((slope @ after @ slope + rest) / (slope @ slope + rest)))
     return out
 

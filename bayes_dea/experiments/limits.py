@@ -40,12 +40,19 @@ class Limits:
         return self.voltage_rate_Hz if column == "voltage_V" else self.plate_rate_Hz
 
 
-def limits_of_actuator(actuator: Actuator, mechanical: bool) -> Limits:
-    """Limits where nothing is known but the actuator; kinds whose answer its geometry gives."""
+def limits_of_actuator(actuator: Actuator, mechanical: bool, recordings: Iterable[Recording] = ()) -> Limits:
+    """Limits where nothing is known but the actuator; kinds whose answer its geometry gives.
+
+    recordings: of this bench, which say how often it reads.
+    """
+    recordings = list(recordings)
     stroke = _STRAIN * (actuator.stack_height_m or 0.0) if mechanical and not _lacking(actuator, _PLATE_GEOMETRY) \
         else None
     electric = () if _lacking(actuator, VOLTAGE_GEOMETRY) else VOLTAGE_KINDS
-    return Limits(actuator, actuator.max_voltage_V or 1200.0, min(actuator.max_frequency_Hz or 100.0, 100.0), stroke,
+    rates = (_rate([r for r in recordings if r.is_voltage], _VOLTAGE_RATE_HZ),
+             _rate([r for r in recordings if r.is_mechanical], _PLATE_RATE_HZ))
+    fastest = min(actuator.max_frequency_Hz or 100.0, 100.0, rates[0] / _READINGS_A_PERIOD)
+    return Limits(actuator, actuator.max_voltage_V or 1200.0, fastest, stroke, *rates,
                   offered=(*electric, *(MECHANICAL_KINDS if stroke else ())))
 
 

@@ -122,7 +122,7 @@ def _pair(p: dict[str, Any]) -> dict[str, str]:
 
 def _apart(a: dict[str, Any]) -> dict[str, str]:
     e = a["experiment"]
-    settings = ", ".join(f"{k} = {v:.4g}" for k, v in e.items() if k != "kind")
+    settings = ", ".join(f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in e.items() if k != "kind")
     return {
         "names": f"{a['models'][0]} – {a['models'][1]}",
         "experiment": f"{e['kind']}: {settings}",

@@ -10,6 +10,7 @@ from bayes_dea.comparison.experiment import _answer, separation, telling_apart, 
 from bayes_dea.comparison.fit_one import Fitted
 from bayes_dea.design.response import answers
 from bayes_dea.models.model import build_model
+from bayes_dea.report.comparison_page import _apart as row_of
 
 VALUES = {"Y_Pa": 1.2e6, "k_1_Pa": 6e4, "tau_1_s": 1.0, "R_s_ohm": 2e5, "alpha_T_m_per_K": 3e-6, "V_dead_V": 60.0}
 
@@ -54,3 +55,39 @@ def test_a_model_that_looks_at_the_temperature_is_told_from_others(fits):
     same = [separation(fits["series_resistance"], fits["thermal_expansion"], t) for t in fast]
     assert max(nats) > 5.0
     assert same == pytest.approx(nats, rel=1e-3)
+
+
+def test_a_rival_that_may_move_to_the_same_answers_is_not_told_apart(fits):
+    """What moves least goes, too: it starts a sd of each parameter away, and may be anywhere within a few of them."""
+    a = fits[""]
+    d = a.model.dimension
+    off = a.x.copy()
+    off[:d] += 0.1
+    b = replace(a, x=off, covariance=np.eye(a.x.size) * 0.1**2)
+    for trial in trials(actuator_of(a), False):
+        assert 0.0 <= separation(a, b, trial) < 0.5 * d
+
+
+def test_experiments_are_read_as_often_as_the_bench_reads(fits):
+    recordings = [p.recording for p in fits[""].assembled.prepared]
+    rate = 1.0 / np.median(np.diff(recordings[0].time_s))
+    assert rate < 100.0
+
+    def read(trial):
+        return trial.experiment.rows.readings.sum() / trial.experiment.duration_s
+
+    for trial in trials(actuator_of(fits[""]), False, recordings):
+        assert read(trial) == pytest.approx(rate, rel=0.1)
+    # of a bench that nothing is known of
+    assert read(trials(actuator_of(fits[""]), False)[0]) == pytest.approx(1000.0, rel=0.1)
+
+
+def test_every_experiment_has_its_words_on_the_page(fits):
+    """Settings are numbers, or words."""
+    stated = [t.experiment.stated for t in trials(actuator_of(fits[""]), True)]
+    assert any(isinstance(v, str) for e in stated for k, v in e.items() if k != "kind")
+    for e in stated:
+        told = {"models": ["a", "b"], "experiment": e, "expected_nats": 6.0, "cost_s": 60.0, "decisive": True}
+        shown = row_of(told)["experiment"]
+        assert shown.startswith(f"{e['kind']}: ")
+        assert all(f"{k} = " in shown for k in e if k != "kind")
