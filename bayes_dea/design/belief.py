@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -25,13 +26,15 @@ _TYPICAL = {"displacement": 2e-4, "force": 20.0}
 class Noise:
     """A channel: sd of a reading, its correlation at the rate of the bench, prior sd of a recording's offset.
 
-    position_sd: of a reading of the position that drives a force (m), 0 where none does.
+    position_sd: of a reading of the position that drives a force (m), 0 where none does. position_off_m: sd of its
+    systematic error, 0 where forces have been recorded: the gain of these has it in it.
     """
 
     sigma: float
     rho: float
     offset_sd: float
     position_sd: float = 0.0
+    position_off_m: float = 0.0
 
     def sd_of(self, readings: Array) -> Array:
         """Sd (n,) of the mean of so many readings in a row; infinite for none."""
@@ -111,7 +114,7 @@ def with_unseen(belief: Belief, campaign: Campaign, rng: np.random.Generator) ->
         terms = noise_terms(sensor, False, _TYPICAL[channel], channel=channel)
         gains[channel] = terms.gain_sd * rng.standard_normal(len(belief.z))
         noise[channel] = Noise(float(np.sqrt(terms.sample_variance(terms.sigma_median))), 0.0, terms.offset_sd,
-                               _position_sd(campaign, channel))
+                               _position_sd(campaign, channel), _position_off_m(campaign, channel))
     return replace(belief, gains=gains, noise=noise)
 
 
@@ -124,6 +127,12 @@ def _noise(campaign: Campaign, channel: str, sigma: float, rho: float) -> Noise:
 def _position_sd(campaign: Campaign, channel: str) -> float:
     sensor = campaign.sensors.get("position")
     return float(sensor.fluctuation or 0.0) if channel == "force" and sensor is not None else 0.0
+
+
+def _position_off_m(campaign: Campaign, channel: str) -> float:
+    """Sd of the systematic error of the position: its stated limits are rectangular (GUM, JCGM 100:2008, 4.3.7)."""
+    sensor = campaign.sensors.get("position")
+    return float(sensor.accuracy or 0.0) / math.sqrt(3.0) if channel == "force" and sensor is not None else 0.0
 
 
 __all__ = ["CHANNELS", "Belief", "Noise", "of_calibration", "of_posterior", "with_unseen"]

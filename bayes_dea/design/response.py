@@ -53,12 +53,14 @@ def frame_of(belief: Belief, experiment: Experiment) -> Frame:
         middle = belief.z[[len(belief.z) // 2]]
         moved = [answers(belief.model, middle, recording, s * _SLACK_STEP * height)[0, keep] for s in (1.0, -1.0)]
         nuisance.append((moved[0] - moved[1]) * (_SLACK_SHARE / (2 * _SLACK_STEP)))
-        if own.position_sd > 0:
-            # the position is read with scatter, which the model would turn into force
+        if own.position_sd > 0 or own.position_off_m > 0:
+            # the model would turn the scatter of the position into force, and its scale into that of the force
             travel = float(np.ptp(recording.columns["position_m"]))
             force = answers(belief.model, middle, recording)[0, keep]
             stiffness = float(np.max(np.abs(force))) / travel if np.isfinite(force).all() else 0.0
             own = replace(own, sigma=math.hypot(own.sigma, own.position_sd * stiffness))
+            if own.position_off_m > 0:
+                nuisance.append(force * (own.position_off_m / travel))
     scale = 1.0 / own.sd_of(experiment.rows.readings[keep])
     columns = [own.offset_sd * scale, *(v * scale for v in nuisance if np.isfinite(v).all())]
     return Frame(keep, scale, np.column_stack(columns))

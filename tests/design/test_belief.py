@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from bayes_dea.assemble import assemble
+from bayes_dea.campaign.schema import Sensor
 from bayes_dea.design.belief import of_calibration, of_posterior
-from bayes_dea.design.response import answers
+from bayes_dea.design.response import answers, frame_of, without
 from bayes_dea.experiments.limits import limits_of_actuator
-from bayes_dea.experiments.menu import Experiment
+from bayes_dea.experiments.menu import Experiment, menu
 from bayes_dea.forward import simulate
 from bayes_dea.models.model import build_model
 from bayes_dea.predict_recordings import conditional_gain
@@ -62,3 +63,27 @@ def test_an_earlier_calibration_keeps_its_effects(electric):
     values = {k: float(v[7]) for k, v in model.physical(z).items()}
     np.testing.assert_allclose(answers(belief.model, belief.z[[7]], recording)[0], simulate(model, values, recording),
                                rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("spec", ["hooke", "hooke+gm1"])
+def test_a_press_teaches_no_more_than_the_scale_of_its_position_allows(electric, spec):
+    """Of a bench that has recorded no force yet: a position off by 0.1 mm of 2 mm leaves the modulus unknown by 6 %."""
+    model = build_model(spec)
+    posterior = assemble(electric, model).posterior
+    at = model.prior_draws(400, np.random.default_rng(1))
+    q = np.concatenate([at, np.tile(posterior.noise_guess(), (len(at), 1))], axis=1)
+    actuator = electric.recordings[0].actuator
+    limits = limits_of_actuator(actuator, True)
+    press = next(e for e in menu(limits, "few") if e.channel == "force")
+    travel = float(np.ptp(press.recording.columns["position_m"]))
+    moved = {}
+    for accuracy in (5e-6, 100e-6, 1e-3):
+        sensors = {**electric.sensors, "position": Sensor(1e-6, accuracy), "force": Sensor(0.02, 0.1)}
+        belief = of_posterior(posterior, q, replace(electric, sensors=sensors), np.random.default_rng(2))
+        frame = frame_of(belief, press)
+        force = answers(model, belief.z[[len(belief.z) // 2]], press.recording)[:, frame.keep] * frame.scale
+        left = without(force, frame.nuisance)
+        # in sds: how far the readings tell a force from one of another scale, by 1 in as many
+        moved[accuracy] = float(np.linalg.norm(left))
+        assert moved[accuracy] <= 1.05 * travel / (accuracy / np.sqrt(3.0))
+    assert moved[5e-6] > moved[100e-6] > moved[1e-3]
