@@ -25,7 +25,7 @@ from .forward import largest
 from .likelihood.posterior import Posterior
 from .likelihood.remembering import forget
 from .models.chain import maxwell_form
-from .models.model import Model, build_model
+from .models.model import STATE_SPACE_STEP_S, Model, build_model
 from .noise.floor import chi2_limits
 from .predict_recordings import Prediction, conditional_gain, predict_all, subset_terms
 from .priors import Parameter, Prior
@@ -33,6 +33,9 @@ from .quantities import contraction, gain_name, model_names, reported_quantities
 from .reuse import KEY, RUN, describe, run_of, seen
 from .sampling import Report, sample_posterior, thinned, to_go_on
 from .settings import CalibrationSettings
+
+#: standard deviations of a prior beyond which what came out is no longer what was meant by it
+_FAR_FROM_PRIOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -144,12 +147,18 @@ def calibrate(
     prior_predictive = _prior_predictive(assembled, posterior, prior_draws[:100])
     clock.lap("predict")
     quantities = _quantities(posterior, flat, r_predict, draws.shape[:2])
-    prior_quantities = {**model.reported(posterior.model_part(prior_draws)), **posterior.noise_quantities(prior_draws)}
+    # by the posterior's model: its coordinates are others where specimens have parameters of their own
+    prior_quantities = {
+        **posterior.model.reported(posterior.model_part(prior_draws)),
+        **posterior.noise_quantities(prior_draws),
+    }
     notes = [
         *assembled.warnings,
         *sampled.notes,
         *_emulator_notes(weights),
         *_notes_on_lags(model),
+        *_notes_on_state_space(model),
+        *_notes_on_priors(model, quantities, prior_quantities),
         *_notes(model, found, sampling, quantities, prior_quantities, predictions),
     ]
     if not sampling.converged:
@@ -517,6 +526,42 @@ def _notes_on_lags(model: Model) -> list[str]:
         "the electrodes: the resistance may come out some per cent too low. Where its value matters, take a network, "
         "as hooke+gm3+series_resistance."
     ]
+
+
+def _notes_on_state_space(model: Model) -> list[str]:
+    """Of what sample time the matrices are that a discrete state space reports."""
+    if model.spec.network != "ss3":
+        return []
+    return [
+        f"A11 to C2 are those of a sample time of {STATE_SPACE_STEP_S:g} s, as in the reference's table, whatever the "
+        "recordings have; export writes the state space at their rate, or at the one it is given."
+    ]
+
+
+def _notes_on_priors(
+    model: Model, quantities: Mapping[str, NDArray], prior: Mapping[str, NDArray]
+) -> list[str]:
+    """Parameters that came out far outside of what was known of them."""
+    out = []
+    for p in model.priors.free:
+        if p.name not in quantities or p.name not in prior:
+            continue
+        known, found = prior[p.name], quantities[p.name]
+        if p.prior.relative_to is not None:
+            if p.prior.relative_to not in quantities or p.prior.relative_to not in prior:
+                continue
+            known, found = known / prior[p.prior.relative_to], found / quantities[p.prior.relative_to]
+        if np.all(known > 0) and np.all(found > 0):
+            known, found = np.log(known), np.log(found)
+        away = float((np.median(found) - np.mean(known)) / max(float(np.std(known)), 1e-300))
+        if abs(away) > _FAR_FROM_PRIOR:
+            out.append(
+                f"{p.name} came out at {np.median(quantities[p.name]):.3g} {p.unit}, {abs(away):.1f} standard "
+                f"deviations {'above' if away > 0 else 'below'} the middle of its prior {p.prior}: look at units and "
+                "geometry in campaign.toml (a voltage ten times too small makes a modulus a hundred times too small). "
+                f'If it is right, say what you know of it with --prior "{p.name}=...".'
+            )
+    return out
 
 
 def _notes(

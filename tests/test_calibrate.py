@@ -7,12 +7,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from short_runs import short_settings
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
-from bayes_dea.calibration import _notes, _notes_on_lags, _why_no_elpd
+from bayes_dea.calibration import _notes, _notes_on_lags, _notes_on_priors, _notes_on_state_space, _why_no_elpd
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
@@ -269,3 +270,48 @@ def test_recordings_too_short_for_the_slow_modes_converge(tmp_path, effect):
     for name, true in {"k_3_Pa": 60e3, "tau_3_s": 1.0, **(effects[effect] if effect else {})}.items():
         e = s["parameters"][name]
         assert abs(e["mean"] - true) < 4 * e["sd"], name
+
+
+def test_what_comes_out_far_from_its_prior_is_said():
+    """A voltage ten times too small makes a modulus a hundred times too small, and a page without a warning."""
+    model = bd.build_model("hooke+gm1")
+    rng = np.random.default_rng(1)
+    prior = model.reported(model.prior_draws(4000, rng))
+    right = {name: np.median(v) * np.exp(0.01 * rng.standard_normal(500)) for name, v in prior.items()}
+    assert _notes_on_priors(model, right, prior) == []
+    # the branch is a share of the modulus, and as large a share as before
+    small = right | {name: 1e-2 * right[name] for name in ("Y_Pa", "k_1_Pa")}
+    (said,) = _notes_on_priors(model, small, prior)
+    assert said.startswith("Y_Pa came out at 1.2")
+    assert "standard deviations below the middle of its prior lognormal(1.2e+06, 0.6)" in said
+    assert "voltage ten times too small" in said
+
+
+def test_the_sample_time_of_a_discrete_state_space_is_said():
+    (said,) = _notes_on_state_space(bd.build_model("ss3"))
+    assert "sample time of 0.01 s" in said
+    assert _notes_on_state_space(bd.build_model("pz3")) == []
+
+
+@pytest.mark.usefixtures("without_refits")
+def test_what_is_learned_of_each_specimen_is_held_against_its_prior(small_campaign, tmp_path):
+    """Where specimens have parameters of their own the coordinates are others; the prior was read by the plain ones."""
+    folders = [tiny_campaign(small_campaign, tmp_path / name) for name in ("one", "two")]
+    for folder in folders:
+        toml = folder / "campaign.toml"
+        toml.write_text(toml.read_text(encoding="utf-8") + '\n[share]\nparameters = ["k_1_Pa", "tau_1_s"]\n',
+                        encoding="utf-8")
+    for table in folders[1].glob("*_1Hz.csv"):
+        read = pd.read_csv(table, comment="#")
+        read["displacement_m"] *= 0.9
+        read.to_csv(table, index=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bd.NotConvergedWarning)
+        found = bd.calibrate(bd.load_campaign(folders), "hooke+gm1",
+                             settings=short_settings(max_steps=100, predictive_draws=20))
+    entries = found.summary["parameters"]
+    own = [name for name in entries if name.startswith("Y_Pa")]
+    assert len(own) == 2
+    for name in own:
+        width = entries[name]["sd"] / entries[name]["mean"]
+        assert entries[name]["contraction"] == pytest.approx(1 - (width / 0.6) ** 2, abs=2e-3)

@@ -28,11 +28,18 @@ class Question:
         return self.key.rpartition(":")[2]
 
     def check(self, answer: str) -> str:
-        """The answer as one of the choices or a positive number. Raises InputError for anything else."""
+        """The answer as one of the choices or a positive number. Raises InputError for anything else.
+
+        Of columns of one name the place will do: "column 3" for "Voltage (V) in column 3".
+        """
         given = answer.strip()
+        if given in self.choices:
+            return given
         if self.choices:
-            found = [c for c in self.choices if c.lower() == given.lower()]
-            if not found:
+            folded = given.lower()
+            found = [c for c in self.choices if c.lower() == folded]
+            found = found or [c for c in self.choices if folded and c.lower().endswith(f" in {folded}")]
+            if len(found) != 1:
                 raise InputError(f"--answer {self.key}={given}: must be one of {', '.join(self.choices)}.")
             return found[0]
         try:

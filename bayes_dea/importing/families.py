@@ -107,10 +107,34 @@ def _one(roles: list[Role], what: str, book: Notebook) -> Role | None:
     ours = [r for r in roles if r.ours is not None and r.quantity == what]
     exact = ours or [r for r in roles if r.quantity == what and not r.weak and span(r.values) > 0]
     if len(exact) == 1:
-        return exact[0]
+        chosen = exact[0]
+        others = "; ".join(_passed_over(r, what) for r in roles if r is not chosen)
+        own = ", the project's own name" if ours else ""
+        book.reason(f'{what} is "{chosen.column.label}"{own}; {others}')
+        return chosen
     names = tuple(r.column.label for r in roles)
-    answer = book.question(what, f"Several columns could be the {what}: {', '.join(names)}. Which?", names)
+    answer = book.question(
+        what, f"Several columns could be the {what}: {', '.join(names)}. Which?{_short(roles)}", names
+    )
     return next((r for r in roles if r.column.label == answer), None)
+
+
+def _passed_over(role: Role, what: str) -> str:
+    """Why a column is not the one of its quantity."""
+    if span(role.values) == 0:
+        return f'"{role.column.label}" does not change'
+    return f'"{role.column.label}" is left out' + (
+        f", named like a {role.quantity}" if role.quantity != what else ", a letter only" if role.weak else ""
+    )
+
+
+def _short(roles: Sequence[Role]) -> str:
+    """How to name one of several columns of one name."""
+    twice = next((r.column for r in roles if r.column.heading is not None), None)
+    if twice is None:
+        return ""
+    place = twice.label.removeprefix(f"{twice.heading} in ")
+    return f' ("{place}" is enough.)'
 
 
 def _command(voltages: list[Role], time: Array, book: Notebook) -> tuple[Role, Role | None] | None:
@@ -127,18 +151,19 @@ def _command(voltages: list[Role], time: Array, book: Notebook) -> tuple[Role, R
         return commands[0], readings[0]
     if len(voltages) == 2:
         a, b = sorted(voltages, key=lambda v: scatter(v.values))
-        alike = np.corrcoef(filled(a.values), filled(b.values))[0, 1] > 0.9
         if (
-            alike
-            and abs(span(a.values) / max(span(b.values), 1e-300) - 1.0) < 0.1
+            abs(span(a.values) / max(span(b.values), 1e-300) - 1.0) < 0.1
             and a.unit == b.unit
             and (scatter(a.values) < 0.3 * scatter(b.values))
+            and np.corrcoef(filled(a.values), filled(b.values))[0, 1] > 0.9
         ):
             book.reason(f'voltage_V is "{a.column.label}": free of noise; "{b.column.label}" is its reading')
             return a, b
     names = tuple(v.column.label for v in voltages)
     answer = book.question(
-        "voltage", f"Several columns are voltages: {', '.join(names)}. Which is the command to the actuator?", names
+        "voltage",
+        f"Several columns are voltages: {', '.join(names)}. Which is the command to the actuator?{_short(voltages)}",
+        names,
     )
     chosen = next((v for v in voltages if v.column.label == answer), None)
     return None if chosen is None else (chosen, None)
@@ -159,7 +184,8 @@ def _ask_for_columns(
 
     def pick(what: str, left: list[Role]) -> Role | None:
         choices = (*(r.column.label for r in left), "none")
-        answer = book.question(what, f"Nothing says what the columns {said} are. Which is the {what}?", choices)
+        text = f"Nothing says what the columns {said} are. Which is the {what}?{_short(left)}"
+        answer = book.question(what, text, choices)
         chosen = next((r for r in left if r.column.label == answer), None)
         return None if chosen is None else replace(chosen, quantity=what, level="said", why="as you answered")
 

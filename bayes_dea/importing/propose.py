@@ -26,6 +26,7 @@ from bayes_dea.importing.shapes import Shape, is_reading, mechanical_shape, scat
 from bayes_dea.importing.signs import answer_sign, mechanical_signs
 from bayes_dea.importing.split import MIN_ROWS, Part, split_holes, split_pauses, split_rows
 from bayes_dea.importing.tables import Array, RawTable
+from bayes_dea.importing.unread import settle_unread
 from bayes_dea.importing.words import parse_unit
 
 #: kind of what is no recording of a DEA: only a model of the user's own reads it
@@ -153,7 +154,8 @@ def _one_table(table: RawTable, ask: Asker, actuator: Actuator) -> TableReport:
         book.reason(note)
     roles = read_roles(table)
     clock = _raw_time(roles, table)
-    family = find_family(roles, clock, book, table.rate_Hz is not None)
+    settled = settle_unread(table, roles, book)
+    family = find_family(roles, clock, book, table.rate_Hz is not None) if settled else Family("open", {})
     for role in roles:
         if role.quantity is not None and role.column.label not in (None, ""):
             book.reason(
@@ -469,11 +471,11 @@ def _free_column(role: Role) -> tuple[str, ColumnMap]:
     """A name of its own that ends in an SI unit where the unit is known, and the map."""
     if role.ours is not None:
         return role.ours, role.column.source
-    if suffix(role.column.label) is not None and re.fullmatch(r"[A-Za-z]\w*", role.column.label):
-        return role.column.label, role.column.source  # "input_V" says its SI unit already
+    if suffix(role.column.name) is not None and re.fullmatch(r"[A-Za-z]\w*", role.column.name):
+        return role.column.name, role.column.source  # "input_V" says its SI unit already
     from bayes_dea.importing.words import read_name
 
-    base = re.sub(r"\W+", "_", read_name(role.column.label).base.lower()).strip("_") or f"column_{role.column.label}"
+    base = re.sub(r"\W+", "_", read_name(role.column.name).base.lower()).strip("_") or f"column_{role.column.name}"
     if not base[0].isalpha():
         base = "c_" + base
     if role.quantity == "temperature" and role.unit is None and 200.0 < float(np.nanmedian(role.values)) < 500.0:

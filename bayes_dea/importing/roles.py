@@ -53,20 +53,20 @@ def read_roles(table: RawTable) -> list[Role]:
 
 
 def _by_name(column: RawColumn) -> Role:
-    said: Said = read_name(column.label, column.unit)
+    said: Said = read_name(column.name, column.unit)
     if column.clock:
         return Role(column, "time", "said", "time written as date or clock", unit=None, dimension="time")
-    if column.label in KNOWN_COLUMNS:
-        own = {"measured_voltage_V": "voltage"}.get(column.label, column.label.rsplit("_", 1)[0])
+    if column.name in KNOWN_COLUMNS:
+        own = {"measured_voltage_V": "voltage"}.get(column.name, column.name.rsplit("_", 1)[0])
         return Role(
             column,
             own,
             "said",
             "has the project's own name",
-            "measured" if column.label == "measured_voltage_V" else None,
+            "measured" if column.name == "measured_voltage_V" else None,
             said.unit,
             said.dimension,
-            ours=column.label,
+            ours=column.name,
         )
     quantity, unit, dimension = said.quantity, said.unit, said.dimension
     # "column 3" is our own word, "CH3" is a recorder's
@@ -75,7 +75,7 @@ def _by_name(column: RawColumn) -> Role:
         column,
         None,
         "unknown",
-        f'"{column.label}" says nothing we know',
+        f'"{column.name}" says nothing we know',
         said.variant,
         unit,
         dimension,
@@ -84,15 +84,15 @@ def _by_name(column: RawColumn) -> Role:
     )
     if dimension is not None and quantity is not None and dimension not in DIMENSIONS.get(quantity, (dimension,)):
         if dimension == "voltage" and quantity in ("displacement", "position", "force", "temperature"):
-            why = f'named "{column.label}" but given in {unit}: the output of a sensor'
+            why = f'named "{column.name}" but given in {unit}: the output of a sensor'
             return replace(nothing, quantity=quantity, level="said", why=why, raw_volts=True)
         if said.weak and dimension in BY_DIMENSION:
             return replace(nothing, quantity=BY_DIMENSION[dimension], level="said", why=f"unit {unit}")
-        return replace(nothing, why=f'"{column.label}" and its unit {unit} contradict each other')
+        return replace(nothing, why=f'"{column.name}" and its unit {unit} contradict each other')
     if nothing.channel and dimension in (None, "voltage"):
-        return replace(nothing, why=f'"{column.label}" is a channel of a recorder; what was connected is not said')
+        return replace(nothing, why=f'"{column.name}" is a channel of a recorder; what was connected is not said')
     if quantity is not None:
-        why = f'named "{column.label}"' + (f", {column.unit_from} {unit}" if column.unit_from and unit else "")
+        why = f'named "{column.name}"' + (f", {column.unit_from} {unit}" if column.unit_from and unit else "")
         return replace(nothing, quantity=quantity, level="said", why=why, weak=said.weak)
     if dimension in BY_DIMENSION:
         return replace(nothing, quantity=BY_DIMENSION[str(dimension)], level="inferred", why=f"unit {unit}")

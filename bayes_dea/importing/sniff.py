@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bayes_dea.campaign.format_map import FormatMap
 from bayes_dea.campaign.tables import file_type
 from bayes_dea.errors import InputError
-from bayes_dea.importing.tables import RawTable
+from bayes_dea.importing.tables import RawTable, distinct
 
 
 def sniff(path: Path) -> list[RawTable]:
     """Every table of numbers in a file: one for text and Parquet, one a struct or group for .mat and HDF5.
 
     An empty list where there is no table. Raises InputError for a file that is empty, damaged or of a type that has
-    to be
-    converted first.
+    to be converted first.
     """
+    return [replace(table, columns=distinct(table.columns)) for table in _tables(path)]
+
+
+def _tables(path: Path) -> list[RawTable]:
     if path.stat().st_size == 0:
         raise InputError(f"{path.name}: the file is empty. Copy it again from the recorder.")
     with path.open("rb") as handle:

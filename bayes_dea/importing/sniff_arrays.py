@@ -17,7 +17,8 @@ from bayes_dea.campaign.parquet_source import ParquetSource
 from bayes_dea.errors import InputError
 from bayes_dea.importing.facts import find_rate
 from bayes_dea.importing.layout import time_format
-from bayes_dea.importing.tables import RawColumn, RawTable
+from bayes_dea.importing.tables import RawColumn, RawTable, Unread
+from bayes_dea.importing.unread import find_unread
 from bayes_dea.importing.words import parse_unit, read_name
 
 _UNIT_KEYS = ("unit", "units", "Unit", "Units", "UNIT")
@@ -204,13 +205,21 @@ def sniff_parquet(path: Path) -> list[RawTable]:
 
     source = ParquetSource(path, FormatMap(), path.name)
     schema = parquet.read_schema(path)
+    twice = next((n for n in schema.names if schema.names.count(n) > 1), None)
+    if twice is not None:
+        places = [str(i) for i, n in enumerate(schema.names, 1) if n == twice]
+        raise InputError(
+            f'{path.name}: columns {" and ".join(places)} are both called "{twice}", which Parquet does not tell '
+            "apart. Give each a name of its own."
+        )
     facts = {
         k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
         for k, v in (schema.metadata or {}).items()
         if k not in (b"pandas", b"ARROW:schema")
     }
     columns: list[RawColumn] = []
-    for field in schema:
+    unread: list[Unread] = []
+    for number, field in enumerate(schema, 1):
         metadata = {
             k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (field.metadata or {}).items()
         }
@@ -218,9 +227,11 @@ def sniff_parquet(path: Path) -> list[RawTable]:
         column = ColumnMap(name=field.name)
         clock = pa.types.is_timestamp(field.type) or pa.types.is_duration(field.type) or pa.types.is_time(field.type)
         if pa.types.is_string(field.type) or pa.types.is_large_string(field.type):
-            first = parquet.read_table(path, columns=[field.name]).column(0).slice(0, 200).to_pylist()
-            written = time_format([str(t) for t in first if t])
+            texts = parquet.read_table(path, columns=[field.name]).column(0)
+            written = time_format([str(t) for t in texts.slice(0, 200).to_pylist() if t])
             if written is None:
+                cells = [(row, (t or "").strip()) for row, t in enumerate(texts.to_pylist(), 1)]
+                unread += filter(None, [find_unread(number, field.name, unit, cells, ".")])
                 continue
             column, clock = replace(column, time_format=written), True
         try:
@@ -244,5 +255,6 @@ def sniff_parquet(path: Path) -> list[RawTable]:
             ("Parquet, columns by name",),
             rate[0] if rate else None,
             rate[1] if rate else "",
+            unread=tuple(unread),
         )
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,7 +13,8 @@ from bayes_dea.errors import InputError
 from bayes_dea.importing.encodings import find_encoding
 from bayes_dea.importing.facts import find_rate, header_facts
 from bayes_dea.importing.layout import Layout, cells_of, find_layout, rows_format
-from bayes_dea.importing.tables import RawColumn, RawTable
+from bayes_dea.importing.tables import RawColumn, RawTable, Unread
+from bayes_dea.importing.unread import find_unread, refuse_unread_beginning
 from bayes_dea.importing.words import parse_unit, read_name
 
 _HEAD_BYTES = 400_000
@@ -36,10 +37,12 @@ def sniff_text(path: Path) -> list[RawTable]:
         lines = lines[:-1]
     try:
         layout = find_layout(lines)
+        if layout is None:
+            return []
+        above = [(i + 1, cells_of(lines[i], layout.delimiter)) for i in range(layout.first) if lines[i].strip()]
+        refuse_unread_beginning(above, layout)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
-    if layout is None:
-        return []
     return [_table(path, lines, layout, encoding, why)]
 
 
@@ -71,8 +74,8 @@ def _table(path: Path, lines: Sequence[str], layout: Layout, encoding: str, why:
             + (f", units in line {units_at + 1}" if units_at is not None else "")
             + f", numbers from line {layout.first + 1}"
         )
-    label = path.name
-    source = CsvSource(path, fmt, label)
+    source = CsvSource(path, fmt, path.name)
+    shown = [labels[i] or (names[i] if i < len(names) else "") for i in range(width)]
     wanted: list[tuple[str, ColumnMap, str | None, bool]] = []
     for i, kind in enumerate(layout.kinds):
         if kind in ("text", "empty"):
@@ -82,15 +85,37 @@ def _table(path: Path, lines: Sequence[str], layout: Layout, encoding: str, why:
         column = ColumnMap(name=name) if by_name else ColumnMap(index=i + 1)
         if kind != "number":
             column = replace(column, time_format=kind)
-        wanted.append((labels[i] or name or f"column {i + 1}", column, beside[i], kind != "number"))
+        wanted.append((shown[i] or f"column {i + 1}", column, beside[i], kind != "number"))
     values = source.read([w[1] for w in wanted])
     columns = tuple(
-        RawColumn(shown, column, array, unit, beside_from if unit else "", clock)
-        for (shown, column, unit, clock), array in zip(wanted, values.columns, strict=True)
+        RawColumn(label, column, array, unit, beside_from if unit else "", clock)
+        for (label, column, unit, clock), array in zip(wanted, values.columns, strict=True)
     )
     return RawTable(
-        path, fmt, columns, MappingProxyType(facts), tuple(notes), rate[0] if rate else None, rate[1] if rate else ""
+        path,
+        fmt,
+        columns,
+        MappingProxyType(facts),
+        tuple(notes),
+        rate[0] if rate else None,
+        rate[1] if rate else "",
+        unread=tuple(_unread(lines, layout, shown, beside)),
     )
+
+
+def _unread(
+    lines: Sequence[str], layout: Layout, names: Sequence[str], units: Sequence[str | None]
+) -> Iterator[Unread]:
+    """The columns of text that should be numbers by their names."""
+    texts = [i for i, kind in enumerate(layout.kinds) if kind == "text" and (names[i] or units[i])]
+    if not texts:
+        return
+    rows = [(at, cells_of(line, layout.delimiter)) for at, line in enumerate(lines, 1) if at > layout.first]
+    for i in texts:
+        cells = [(at, row[i]) for at, row in rows if len(row) > i]
+        found = find_unread(i + 1, names[i] or f"column {i + 1}", units[i], cells, layout.decimal)
+        if found is not None:
+            yield found
 
 
 def _headings(above: Sequence[int], rows: dict[int, list[str]], layout: Layout) -> tuple[int | None, int | None]:

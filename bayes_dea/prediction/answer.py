@@ -128,7 +128,7 @@ def answer(
     recording = as_recording(c, given, name, hold)
     seen = seen_by(c.recordings(name, channel))
     check_units(given, recording.actuator, seen)
-    notes = [*given.warnings, *warnings_of(given, recording.actuator, seen, c.where)]
+    notes = [*given.warnings, *c.taken(specimen), *warnings_of(given, recording.actuator, seen, c.where)]
     if "thermal_expansion" in model.spec.effects and channel == "displacement":
         notes.append("A command holds no temperature: what thermal_expansion does is left out, as at a steady one.")
     if not c.converged:

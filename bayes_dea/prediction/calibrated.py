@@ -44,6 +44,14 @@ class Calibrated:
             raise InputError(f"--specimen {name}: {self.where} calibrated {', '.join(known)}; take one of these")
         return name
 
+    def taken(self, name: str | None) -> list[str]:
+        """What to say where one of several specimens is taken because none was named."""
+        known = self.structure.specimens
+        if name is not None or len(known) < 2:
+            return []
+        return [f"{self.where} calibrated the specimens {', '.join(known)}; this is the answer of "
+                f"{known[0]}. --specimen names another one."]
+
     def actuator(self, specimen: str) -> Actuator:
         """Geometry and limits of a specimen."""
         return self.structure.actuators[specimen]

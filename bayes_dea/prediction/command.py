@@ -73,6 +73,7 @@ def command_for(
     seen = seen_by(c.recordings(name, "displacement"))
     check_units(wish, actuator, seen)
     limits, notes = limits_of(c, name, seen)
+    notes = [*c.taken(specimen), *notes]
     rows = c.rows(DRAWS if draws is None else draws, draws is None)
     flat = Signal("command", "voltage_V", wish.time_s, np.zeros(wish.values.size))
     recording = as_recording(c, flat, name, hold)

@@ -55,3 +55,13 @@ def test_the_page_says_which(zeroed, words):
     # in the caption of the picture, and in the table of what was assumed
     assert render(view).count(f"offset of a recording {words}") == 1
     assert f"offset of a new recording {words}" in render(view)
+
+
+@pytest.mark.parametrize("named", [None, "B"])
+def test_which_of_several_specimens_is_taken_is_said(named):
+    c = calibration(NOISE)
+    two = replace(c.structure, specimens=("A", "B"), actuators={s: c.actuator("A") for s in ("A", "B")})
+    p = bd.predict(replace(c, structure=two), COMMAND, draws=20, specimen=named)
+    said = [w for w in p.warnings if "specimens A, B" in w]
+    assert len(said) == (named is None)
+    assert all("answer of A" in w and "--specimen" in w for w in said)
