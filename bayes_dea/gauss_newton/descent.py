@@ -143,13 +143,15 @@ class End:
 class Effort:
     """How far a descent goes: steps at most, and the nats that its last one promises.
 
-    hopeless_above: given up where the value less ten times what the next step promises lies above this.
+    hopeless_above: given up where the value less ten times what the next step promises lies above this. patience:
+    steps before that: of what rings, the first ones promise little wherever they begin.
     coarse: what is far from an explanation ends earlier, and slopes at the end may be carried on from a step before.
     """
 
     max_steps: int
     tolerance: float
     hopeless_above: float = math.inf
+    patience: int = 0
     coarse: bool = False
 
 
@@ -183,11 +185,13 @@ def descend(
 
 
 def approach(
-    problem: Problem, q: Array, noise: Noise, kept: Kept | None = None, hopeless_above: float = math.inf
+    problem: Problem, q: Array, noise: Noise, kept: Kept | None = None, hopeless_above: float = math.inf,
+    patience: int = 0,
 ) -> End | None:
     """Near the maximum on whose slope q stands, to compare with others: a coarse `descend` within the bounds."""
     box = inner_bounds(problem)
-    return descend(problem, np.clip(q, *box), noise, box, Effort(_APPROACH, _NEAR, hopeless_above, coarse=True), kept)
+    effort = Effort(_APPROACH, _NEAR, hopeless_above, patience=patience, coarse=True)
+    return descend(problem, np.clip(q, *box), noise, box, effort, kept)
 
 
 def _finished(problem: Problem, noise: Noise, end: End | None, coarse: bool) -> End | None:
@@ -240,7 +244,7 @@ def descended(
             step = bounded_step(H, g, damping * metric, q, low, high)
             promised = -float(g @ step + 0.5 * step @ H @ step)
             whole = max(whole, promised)
-            hopeless = bool(value - 10.0 * promised > effort.hopeless_above)
+            hopeless = taken >= effort.patience and bool(value - 10.0 * whole > effort.hopeless_above)
             ends = hopeless or (promised < tolerance and aged == 0)
             if hopeless or promised < tolerance:
                 break

@@ -87,3 +87,13 @@ def test_a_coarse_descent_gives_a_bumpy_way_up_where_much_is_left(monkeypatch):
     (worked, near), (at_last, end) = (_misled(monkeypatch, 0.01, coarse=coarse) for coarse in (True, False))
     assert near < end + 0.1
     assert at_last - 3 < worked <= at_last
+
+
+def test_what_rings_is_not_given_up_before_its_first_steps():
+    """The first steps of a mass promise little wherever they begin: 1566359 was given up at none, 26,700 nats away."""
+    problem, prior, q = problem_of(concealed({"inertia": {"f_1_Hz": 30.0, "zeta": 0.05}}))
+    steps = [
+        descent.approach(problem, q, prior.start(), hopeless_above=-np.inf, patience=patience).steps
+        for patience in (0, 1)
+    ]
+    assert steps == [0, 1]

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_dea.mismatch.search import pairs, second_thoughts
 from bayes_dea.mismatch.search.beside import names_beside
+from bayes_dea.mismatch.search.hypotheses import DELAY
 from bayes_dea.mismatch.search.quest import Quest
 
 #: the fit that effects are added to
@@ -249,3 +250,27 @@ def test_nothing_that_charges_the_dielectric_is_a_third_beside_a_mass():
     assert beside(Stub(("inertia",), 0.0), dear) == dear
     assert beside(Stub(("charge_retention", "inertia"), 0.0), dear) == ["sensor_lag"]
     assert "inertia" not in beside(Stub(("charge_retention", "amplitude_softening"), 0.0), names)
+
+
+def test_what_helps_beside_a_shift_is_tried_beside_another_effect_with_that_shift(monkeypatch):
+    """1566355: a softening did a part of the work of a dead zone and of absorption, in readings 0.2 ms early."""
+    asked = []
+
+    def beside(best, quest, reached):
+        asked.append((best.effects, list(quest.names), reached))
+        return []
+
+    monkeypatch.setattr(pairs, "beside", beside)
+    monkeypatch.setattr(pairs, "excess", lambda fit, prior: fit)
+    first = Stub(("amplitude_softening", DELAY), -552.0, 552.0)
+    zone = Stub(("supply_dead_zone", DELAY), -968.0, 968.0)
+    far = Stub(("dielectric_absorption", DELAY), -2e4, 2e4)
+    found = [Stub(("dielectric_absorption", "amplitude_softening", DELAY), -32.0, 32.0, value=7.0),
+             Stub(("amplitude_softening", "sensor_nonlinearity", DELAY), -550.0, 552.0)]
+    known = [first, zone, far, *found, Stub(("supply_dead_zone", "thickness_feedback"), -900.0, 900.0)]
+    pairs.helped_elsewhere(first, found, known, quest())
+    # nothing beside what leaves far more, nor what helped little
+    assert asked == [(("supply_dead_zone", DELAY), ["dielectric_absorption"], 7.0)]
+    asked.clear()
+    pairs.helped_elsewhere(first, found[1:], known, quest())
+    assert asked == []

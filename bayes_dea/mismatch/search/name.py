@@ -38,7 +38,15 @@ from .naming import (
     log_probabilities,
     with_adequacy,
 )
-from .pairs import PARTNERS, behind_more, beside_the_leader, beside_the_next, freed, in_place_of_the_first
+from .pairs import (
+    PARTNERS,
+    behind_more,
+    beside_the_leader,
+    beside_the_next,
+    freed,
+    helped_elsewhere,
+    in_place_of_the_first,
+)
 from .promising import FOUND, LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
@@ -427,6 +435,8 @@ class _Search:
             more += self._taken(self._in_place_of_a_mode(start))
         elif not first_of_all and self.known.physics(start) == 1 and more:
             more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
+            if not self.quest.explained_by(top_of(more, start).fit):
+                more += self._taken(helped_elsewhere(start, more, self.known.counting, self.quest))
         return more
 
     def _in_place_of_a_mode(self, start: Weighed) -> list[Weighed]:

@@ -26,6 +26,8 @@ _BESIDE = 0.25
 NEXT, _NEXT_ONES = 0.5, 2
 #: share of the misfit that a single effect has to explain for that
 PART = 0.05
+#: times what the leading one leaves, up to which another one with a shift of the readings may leave, and how many
+_LEAVES, _SHIFTED_ONES = 2.0, 2
 
 
 def freed(w: Weighed, prior: NoisePrior) -> Weighed | None:
@@ -184,4 +186,31 @@ def beside_the_next(
         rest = (n for n in quest.names if n not in first.effects and together(other.effects, n) not in tried)
         reached = min((w.value for w in [*pairs, *out]), default=math.inf)
         out += beside(other, quest.among(rest), reached=reached)
+    return out
+
+
+def helped_elsewhere(
+    first: Weighed, pairs: Sequence[Weighed], weighed: Sequence[Weighed], quest: Quest
+) -> list[Weighed]:
+    """What helps beside an effect and a shift of the readings, beside others with a shift that explain less.
+
+    For where no pair with the leading one leaves noise: it may do a part of the work of two others, as without a shift
+    (`beside_the_next`). pairs: those with `first`, which is an effect and a shift.
+    """
+    helps = [
+        next(n for n in w.effects if n not in first.effects)
+        for w in pairs if w.refitted and len(w.effects) == len(first.effects) + 1
+        and set(first.effects) < set(w.effects) and w.log_evidence > first.log_evidence + FOUND
+    ]  # fmt: skip
+    most = _LEAVES * excess(first.fit, quest.prior)
+    others = [
+        w for w in weighed
+        if len(w.effects) == len(first.effects) and DELAY in w.effects and w.effects != first.effects and w.refitted
+        and w.log_evidence < first.log_evidence - _ALIKE and excess(w.fit, quest.prior) < most
+    ]
+    reached = min((w.value for w in pairs), default=math.inf)
+    out: list[Weighed] = []
+    for other in sorted(others, key=lambda w: -w.log_evidence)[:_SHIFTED_ONES]:
+        rest = [n for n in dict.fromkeys(helps) if n not in other.effects]
+        out += beside(other, quest.unasked().among(rest), reached=reached) if rest else []
     return out

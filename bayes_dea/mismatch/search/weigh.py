@@ -33,6 +33,8 @@ _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 #: widths of a posterior, in sds of the prior, below which the points of a grid (13 of one parameter, a fifth of an sd
 #: apart) miss it and Laplace is right, and from which on the grid covers it
 _NARROW, _WIDE = 0.12, 0.5
+#: steps of a descent of what is dear before it may be given up: the first ones of what rings promise little
+_PATIENCE = 2
 #: how well the frequency that a mass rings at is known from its stiffness
 _MIRROR = (0.94, 0.97, 1.0, 1.03, 1.06)
 
@@ -81,7 +83,8 @@ def refine(
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
         for shift in _shifts(point):
-            end = approach(problem, insert(point.frame.fit, model, point.own, shift), prior.start(), kept, above)
+            q = insert(point.frame.fit, model, point.own, shift)
+            end = approach(problem, q, prior.start(), kept, above, _PATIENCE if once else 0)
             if end is not None:
                 # what had to work out all sensitivities needs no approach by those of the base
                 ends.append((end.value, end.q, None if end.own else kept))
