@@ -578,7 +578,10 @@ def _notes(
             f"The sampler did not converge ({sampling.reason}): means and intervals are provisional. Run it longer "
             f"({to_go_on(sampling)}; it goes on where it stopped) or ask less of the recordings (fewer elements)."
         )
-    if found.agree < found.swarms:
+    if not found.agree:
+        out.append(f"None of {found.swarms} swarms ended at the maximum that is reported, which another start led to; "
+                   "others may exist.")
+    elif found.agree < found.swarms:
         out.append(f"{found.agree} of {found.swarms} swarms ended at the same maximum; others may exist.")
     for name in model.reported(model.prior_draws(1, np.random.default_rng(0))):
         positive = bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0))

@@ -225,6 +225,10 @@ def _compared(
 
     assert models is not None
     result = compare(campaign, models, seed, ComparisonSettings(workers=s.workers), priors, say, checkpoints, anew)
+    same = result.summary["equivalent"]
+    if len(result.summary["ranking"]) < 2 and same:
+        raise InputError(f"{' and '.join(same[0])} are one and the same function by other names: no experiment tells "
+                         "them apart; name another structure with --models")
     named = leading([(e["model"], e["probability"]) for e in result.summary["ranking"] if e["model"] in result.done])
     rng = np.random.default_rng([seed, 12])
     beliefs = []
