@@ -212,7 +212,7 @@ def test_structures_of_a_comparison_are_named_as_for_a_comparison(tmp_path, mode
     ({"source": "nowhere"}, "--from nowhere: holds no calibration.json; give the --out of `bayes-dea calibrate`"),
     ({"purpose": "diagnosis", "source": "nowhere"}, "diagnosis.json"),
     ({"purpose": "models", "source": "nowhere"}, "comparison.json"),
-    ({"purpose": "models", "models": "hooke+gm1,hooke+gkv1"}, r"hooke\+gm1 and hooke\+gkv1 are one and the same function"),
+    ({"purpose": "models", "models": "hooke+gm1,hooke+gkv1"}, "are one and the same function"),
 ])
 def test_what_cannot_be_asked_is_said(electric, options, said):
     with pytest.raises(InputError, match=said):
