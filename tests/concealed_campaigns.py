@@ -58,3 +58,20 @@ def problem_of(campaign, model="hooke+gm3"):
     problem = Problem.of(assembled, model, [p for p in reduce_campaign(assembled) if p.identify])
     middle = model.from_prior_coordinates(model.priors.transform(np.full((1, model.dimension), 0.5)))[0]
     return problem, noise_prior(assembled), np.concatenate([middle, problem.zero_mean, np.zeros(problem.gain_sd.size)])
+
+
+def weigher(problem, prior, base, given, material):
+    """A function that fits effects beside the base from known values, the rest of them those of a material."""
+    from bayes_dea.gauss_newton.refit import refit
+    from bayes_dea.mismatch.search.hypotheses import extended
+    from bayes_dea.mismatch.search.weigh import Weighed
+
+    def weighed(*effects, **values):
+        model = extended(problem.model, effects, given)
+        named = {n: np.array([{**material, **values}[n]]) for n in model.priors.names}
+        at = model.from_prior_coordinates(model.priors.to_coordinates(named))[0]
+        q = np.concatenate([at, base.q[problem.model.dimension :]])
+        fit = refit(problem.with_model(model), q, prior.start(), prior)
+        return Weighed(effects, fit, fit.log_evidence, 0.1, 1e-6)
+
+    return weighed

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed, problem_of
+from concealed_campaigns import concealed, problem_of, weigher
 
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.shifted import mass_read_early_or_late
-from bayes_dea.mismatch.search.weigh import Weighed
 
 LATE_S, RINGS_HZ, ZETA = 6e-4, 386.0, 0.03
 MATERIAL = {"Y_Pa": 1.2e6, "k_1_Pa": 70e3, "k_2_Pa": 50e3, "k_3_Pa": 60e3, "tau_1_s": 200.0, "tau_2_s": 20.0,
@@ -29,13 +28,7 @@ def test_the_mass_is_found_where_the_shift_is_known_first():
     names = ("sensor_drift", "inertia", "acquisition_delay")
     given = effect_priors(names, campaign)
 
-    def weighed(*effects, **values):
-        model = extended(problem.model, effects, given)
-        named = {n: np.array([{**MATERIAL, **values}[n]]) for n in model.priors.names}
-        at = model.from_prior_coordinates(model.priors.to_coordinates(named))[0]
-        fit = refit(problem.with_model(model), np.concatenate([at, base.q[problem.model.dimension:]]), prior.start(),
-                    prior)
-        return Weighed(effects, fit, fit.log_evidence, 0.1, 1e-6)
+    weighed = weigher(problem, prior, base, given, MATERIAL)
 
     alone = weighed("inertia", "sensor_drift", f_1_Hz=260.0, zeta=0.5)
     late = weighed("acquisition_delay", "sensor_drift", T_d_s=2.4e-4)

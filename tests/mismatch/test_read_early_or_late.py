@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed, problem_of
+from concealed_campaigns import concealed, problem_of, weigher
 
 from bayes_dea.gauss_newton.refit import refit
-from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
+from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.shifted import read_early_or_late
 from bayes_dea.mismatch.search.weigh import Weighed
@@ -24,13 +24,7 @@ def explained():
     names = ("sensor_drift", "inertia", "acquisition_delay")
     given = effect_priors(names, campaign)
 
-    def weighed(*effects, **values):
-        model = extended(problem.model, effects, given)
-        named = {n: np.array([{**MATERIAL, **values}[n]]) for n in model.priors.names}
-        at = model.from_prior_coordinates(model.priors.to_coordinates(named))[0]
-        fit = refit(problem.with_model(model), np.concatenate([at, base.q[problem.model.dimension:]]), prior.start(),
-                    prior)
-        return Weighed(effects, fit, fit.log_evidence, 0.1, 1e-6)
+    weighed = weigher(problem, prior, base, given, MATERIAL)
 
     return (
         Quest(base, names, given, prior, np.random.default_rng(1)),
