@@ -14,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from ...gauss_newton.laws import laws_of_effect
-from ...gauss_newton.refit import refit
+from ...gauss_newton.refit import Fit, refit
+from ...models.model import Model
 from ..where.size import effect_size
-from .beside import beside, beside_these, together
+from .beside import beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
 from .phase import sample_step_s
-from .promising import MASS, RIVALS
+from .promising import MASS, RIVALS, refined, too_dear
 from .quest import Quest
 from .second_thoughts import beside_the_second
 from .weigh import Weighed, refine
@@ -29,6 +30,8 @@ from .weigh import Weighed, refine
 _PROMISED = 0.5
 #: nats behind what explains alone at which the descent of a rival is given up
 _FAR_BEHIND = 50.0
+#: parts of a sample by which readings may be early or late where a mass is looked for
+_PARTS = (0.25, 0.5, 0.75)
 #: effects that make an answer late by about a sample, if they are weak
 _LATE = {"series_resistance", "supply_current_limit", "one_quadrant_supply", "leakage", "extra_relaxation_mode",
          "parallel_damper", "inertia", "sensor_lag"}
@@ -69,16 +72,61 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
 
 
 def mass_read_early_or_late(top: Weighed, weighed: Mapping[str, Weighed], quest: Quest) -> list[Weighed]:
-    """A mass and a shift of the readings beside what else there is of an explanation, the shift known first.
+    """A mass and a shift of the readings beside what else there is of an explanation, at shifts over a whole sample.
 
-    What rings not far below half the sampling rate comes, a part of a sample late, in another phase: a mass of another
-    frequency, damped well, does a little of it, from which no descent leads to what rings. weighed: by name; without a
-    fit of the rest with a shift nothing is looked for.
+    What rings not far below half the sampling rate comes, a part of a sample late, in another phase: alone a mass of
+    another frequency does a little of it, and so does a shift of another size, from neither of which a descent leads
+    to both; nor from both together, where one has settled in the wrong phase. Looked for where a mass or a shift
+    explains something. weighed: by name.
     """
-    late = weighed.get("+".join(together([n for n in top.effects if n != MASS], DELAY)))
-    if MASS not in top.effects or DELAY in top.effects or late is None or not late.refitted:
+    rest = tuple(n for n in top.effects if n not in (MASS, DELAY))
+    both = together(rest, DELAY)
+    if not {MASS, DELAY} <= set(quest.names) or not _shifts(top, rest, weighed):
         return []
-    return [w for w in beside(late, quest.among([MASS])) if w.refitted and w.fit is not late.fit]
+    if too_dear((MASS, *rest)) or len(both) > 2:
+        return []
+    start = weighed.get("+".join(rest)) if rest else None
+    fit = start.fit if start is not None else quest.base
+    late = weighed.get("+".join(both))
+    told = 0.0
+    if late is not None and late.refitted and not {MASS, DELAY} <= set(top.effects):
+        told = math.copysign(1.0, late.fit.values()["T_d_s"])
+    out: list[Weighed] = []
+    for law in laws_of_effect(DELAY, quest.given):
+        if told and (law == {}) != (told > 0.0):
+            continue  # where a mass has not led astray, a shift has the right sign, if the wrong size
+        model = extended(quest.model, both, {**quest.by(top.laws).given, **law})
+        frames = [] if model is None else _at_shifts(fit, model, quest)
+        if frames:
+            base = min((f.fit for f in frames), key=lambda f: f.objective)
+            found = beside_these(frames, both, MASS, quest.model, {**quest.by(top.laws).given, **law})
+            out += refined(base, found, quest.unasked()).values()
+    return sorted((w for w in out if w.refitted), key=lambda w: w.log_evidence)[-1:]
+
+
+def _shifts(top: Weighed, rest: Sequence[str], weighed: Mapping[str, Weighed]) -> bool:
+    """Whether a mass or a shift is a part of what explains most, or a shift helps beside the rest of it."""
+    if {MASS, DELAY}.intersection(top.effects):
+        return True
+    late, alone = (weighed.get("+".join(names)) for names in (together(rest, DELAY), rest))
+    return bool(late and alone and late.refitted and late.log_evidence > alone.log_evidence + RIVALS)
+
+
+def _at_shifts(fit: Fit, model: Model, quest: Quest) -> list[Frame]:
+    """A fit with readings a quarter, a half and three quarters of a sample early or late, as the model has it."""
+    delay = next((p.prior for p in model.priors.free if p.name == "T_d_s"), None)
+    step = sample_step_s(fit)
+    if delay is None or step <= 0.0:
+        return []
+    problem, known = fit.problem, dict(zip(fit.problem.model.priors.names, fit.q, strict=False))
+    frames = []
+    for part in _PARTS:
+        shift = math.log(part * step) if delay.is_log else math.copysign(part * step, delay.a)
+        at = np.array([known.get(name, shift) for name in model.priors.names])
+        q = np.concatenate([at, fit.q[problem.model.dimension :]])
+        there = refit(problem.with_model(model), q, quest.prior.start(), quest.prior, max_steps=0, fit_noise=False)
+        frames += [] if there is None else [Frame(there)]
+    return frames
 
 
 def shifted_rivals(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
