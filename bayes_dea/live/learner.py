@@ -421,6 +421,8 @@ class Learner:
         step = self.bench.sensor.resolution
         found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS, resolution=step)
         found |= _lost(all_rows, step)
+        if not len(context[0]) and begins_under_voltage(rows[:, 1]):
+            found[0] = False  # passed over in any case, and no drop-out (`_without_first`)
         return np.asarray(found[len(context[0]) : len(context[0]) + len(rows)] | standing_still(rows[:, 2]))
 
     def _without_first(self, rows: Array, context: tuple[Array, Array], masked: NDArray[np.bool_]) -> NDArray[np.bool_]:
