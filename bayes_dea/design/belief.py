@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from ..campaign.schema import Campaign, Sensor
 from ..likelihood.posterior import Posterior
 from ..models.model import Model
-from ..noise.stated import noise_terms
+from ..noise.stated import force_noise_from_position, noise_terms
 from ..predict_recordings import conditional_gain
 from ..prediction.calibrated import Calibrated
 
@@ -114,25 +113,24 @@ def with_unseen(belief: Belief, campaign: Campaign, rng: np.random.Generator) ->
         terms = noise_terms(sensor, False, _TYPICAL[channel], channel=channel)
         gains[channel] = terms.gain_sd * rng.standard_normal(len(belief.z))
         noise[channel] = Noise(float(np.sqrt(terms.sample_variance(terms.sigma_median))), 0.0, terms.offset_sd,
-                               _position_sd(campaign, channel), _position_off_m(campaign, channel))
+                               *_position(campaign, channel))
     return replace(belief, gains=gains, noise=noise)
 
 
 def _noise(campaign: Campaign, channel: str, sigma: float, rho: float) -> Noise:
     sensor = campaign.sensors.get(channel, Sensor())
     terms = noise_terms(sensor, False, _TYPICAL[channel], estimated_sd=sigma, channel=channel)
-    return Noise(float(np.sqrt(terms.sample_variance(sigma))), rho, terms.offset_sd, _position_sd(campaign, channel))
+    return Noise(float(np.sqrt(terms.sample_variance(sigma))), rho, terms.offset_sd,
+                 _position(campaign, channel)[0])
 
 
-def _position_sd(campaign: Campaign, channel: str) -> float:
+def _position(campaign: Campaign, channel: str) -> tuple[float, float]:
+    """Scatter, and sd of the systematic error, of the position that drives a force (m)."""
     sensor = campaign.sensors.get("position")
-    return float(sensor.fluctuation or 0.0) if channel == "force" and sensor is not None else 0.0
-
-
-def _position_off_m(campaign: Campaign, channel: str) -> float:
-    """Sd of the systematic error of the position: its stated limits are rectangular (GUM, JCGM 100:2008, 4.3.7)."""
-    sensor = campaign.sensors.get("position")
-    return float(sensor.accuracy or 0.0) / math.sqrt(3.0) if channel == "force" and sensor is not None else 0.0
+    if channel != "force" or sensor is None:
+        return 0.0, 0.0
+    carried = force_noise_from_position(sensor, 1.0, 1.0)  # at 1 N/m, over 1 m
+    return carried.sd_N, carried.gain_sd
 
 
 __all__ = ["CHANNELS", "Belief", "Noise", "of_calibration", "of_posterior", "with_unseen"]

@@ -143,8 +143,9 @@ class End:
 class Effort:
     """How far a descent goes: steps at most, and the nats that its last one promises.
 
-    hopeless_above: given up where the value less ten times what the next step promises lies above this. patience:
-    steps before that: of what rings, the first ones promise little wherever they begin.
+    hopeless_above: given up where the value less ten times what the next step promises, before it is damped any
+    further, lies above this. patience: steps before that: of what rings, the first ones promise little wherever they
+    begin.
     coarse: what is far from an explanation ends earlier, and slopes at the end may be carried on from a step before.
     """
 

@@ -421,7 +421,7 @@ class Learner:
         step = self.bench.sensor.resolution
         found = find_dropouts(all_rows[:, 2], all_rows[:, 1], threshold=_DROPOUT_SDS, resolution=step)
         found |= _lost(all_rows, step)
-        if not len(context[0]) and begins_under_voltage(rows[:, 1]):
+        if _first_is_passed_over(rows, context):
             found[0] = False  # passed over in any case, and no drop-out (`_without_first`)
         return np.asarray(found[len(context[0]) : len(context[0]) + len(rows)] | standing_still(rows[:, 2]))
 
@@ -430,7 +430,7 @@ class Learner:
 
         No drop-out, hence apart from them; held against the largest voltage of its first block.
         """
-        if len(context[0]) or not begins_under_voltage(rows[:, 1]):
+        if not _first_is_passed_over(rows, context):
             return masked
         out = masked.copy()
         out[0] = True
@@ -493,12 +493,17 @@ class Learner:
         return out
 
 
+def _first_is_passed_over(rows: Array, context: tuple[Array, Array]) -> bool:
+    """Whether these are the first rows of a session that begins under voltage."""
+    return not len(context[0]) and begins_under_voltage(rows[:, 1])
+
+
 def _lost(rows: Array, resolution: float | None) -> NDArray[np.bool_]:
     """Which of the rows (n, 3) are of a lost target; one that is not over at the last row counts as over."""
-    t, u, y = rows.T
+    _, u, y = rows.T
     if y.size > _CONTEXT and np.all(y[-_CONTEXT:] == y[-1]) and np.any(y != y[-1]):
         u, y = np.append(u, u[-1]), np.append(y, y[np.flatnonzero(y != y[-1])[-1]])
-    return find_lost(y, u, resolution=resolution, most=_MOST_LOST)[: t.size]
+    return find_lost(y, u, resolution=resolution, most=_MOST_LOST)[: len(rows)]
 
 
 def _already(columns: Array) -> Beyond:

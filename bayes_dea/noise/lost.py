@@ -39,8 +39,8 @@ def find_lost(y: ArrayLike, u: ArrayLike, *, resolution: float | None = None, mo
     A reading is false where it lies beyond what the readings of all levels of the input span by twice that span; and
     where it belongs to a run of one and the same value, two rows or more, that the readings leap to and back from, by
     twenty sds of what noise changes from row to row (five for more rows than chance makes equal) and four times the
-    changes beside, while the input does not. Where
-    more than `most` would be false nothing is: it is not known then which readings are true.
+    changes beside, while the input does not. Where more than `most` would be false nothing is: it is not known then
+    which readings are true.
 
     Parameters
     ----------
@@ -113,6 +113,8 @@ def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_], most: floa
         return []
     sd = 1.4826 * float(np.median(bends)) / np.sqrt(3.0)
     leaps = rows_where(lambda b, a: np.abs(b - a) > max(least, _SDS_LONG * sd), y[1:], y[:-1])
+    if leaps.size < 2:
+        return []
     first, stop = leaps[:-1] + 1, leaps[1:] + 1
     into, out_of = y[leaps[:-1] + 1] - y[leaps[:-1]], y[leaps[1:] + 1] - y[leaps[1:]]
     large = np.minimum(np.abs(into), np.abs(out_of)) > max(least, _SDS * sd)

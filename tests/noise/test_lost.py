@@ -46,13 +46,14 @@ def test_bursts_of_any_length_are_found_wherever_they_stand(value, rows):
 
 @pytest.mark.parametrize("rows", [12, 60])
 def test_a_held_value_a_few_sds_off_is_found_where_chance_makes_no_such_run(rows):
-    """A leap of 16 sds of the noise; what is held for less than that needs twenty sds of its changes, 28."""
+    """A leap of 20 sds of the noise: four times the largest of ten changes is 19 at most but in one of a thousand; what
+    is held for less needs twenty sds of the changes, 28."""
     t, V, x = creep()
     y = read(t, x)
     lost = np.zeros(t.size, dtype=bool)
     for at in (3000, 7000):
         lost[at : at + rows] = True
-        y[at : at + rows] = STEP * np.round((x[at] - 16 * NOISE) / STEP)
+        y[at : at + rows] = STEP * np.round((x[at] - 20 * NOISE) / STEP)
     assert np.array_equal(find_lost(y, V, resolution=STEP), lost)
 
 

@@ -29,6 +29,7 @@ from .grid import Screened
 from .hypotheses import DELAY, candidates, effect_priors, prior_odds
 from .in_its_place import alike
 from .known import SLIGHT, Known, shares
+from .mass_read_late import mass_read_early_or_late
 from .naming import (
     WORTH_LABELLING,
     Explanation,
@@ -52,7 +53,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
-from .shifted import mass_read_early_or_late, read_early_or_late, shifted_rivals
+from .shifted import read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 from .work_of_a_mode import instead_of_a_mode

@@ -8,10 +8,11 @@ a damper read late; no search beside the mass comes across the damper.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...gauss_newton.laws import laws_of_effect
 from ...gauss_newton.refit import Fit, refit
@@ -21,17 +22,16 @@ from .beside import beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
 from .phase import sample_step_s
-from .promising import MASS, RIVALS, refined, too_dear
+from .promising import RIVALS
 from .quest import Quest
 from .second_thoughts import beside_the_second
 from .weigh import Weighed, refine
 
+Array = NDArray[np.float64]
 #: share of what a rival lacks that a grid has to promise: what it has already is moved along in a straight line
 _PROMISED = 0.5
 #: nats behind what explains alone at which the descent of a rival is given up
 _FAR_BEHIND = 50.0
-#: parts of a sample by which readings may be early or late where a mass is looked for
-_PARTS = (0.25, 0.5, 0.75)
 #: effects that make an answer late by about a sample, if they are weak
 _LATE = {"series_resistance", "supply_current_limit", "one_quadrant_supply", "leakage", "extra_relaxation_mode",
          "parallel_damper", "inertia", "sensor_lag"}
@@ -50,83 +50,33 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
     if known is not None and known.log_evidence > pair.log_evidence - RIVALS:
         return []
     fitted, problem = pair.fit, pair.fit.problem
-    at = dict(zip(problem.model.priors.names, fitted.q[: problem.model.dimension], strict=True))
-    half = 0.5 * sample_step_s(fitted)
     both = together(first.effects, DELAY)
     out: list[Weighed] = []
     for law in laws_of_effect(DELAY, quest.given):
         model = extended(quest.model, both, {**quest.by(first.laws).given, **law})
-        if model is None or half <= 0.0:
-            continue
-        delay = next((p.prior for p in model.priors.free if p.name == "T_d_s"), None)
-        if delay is None:
+        q = None if model is None else shifted_by(fitted, model, 0.5)
+        if model is None or q is None:
             continue
         quest.say("comparing rivals", len(out), 2, f"{first.name}, read early or late")
-        shift = math.log(half) if delay.is_log else math.copysign(half, delay.a)
-        start = np.array([at.get(name, shift) for name in model.priors.names])
-        q = np.concatenate([start, fitted.q[problem.model.dimension :]])
         fit = refit(problem.with_model(model), q, quest.prior.start(), quest.prior, coarse=True)
         if fit is not None:
             out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(first.fit, fit)))
     return sorted(out, key=lambda w: w.log_evidence)[-1:]
 
 
-def mass_read_early_or_late(top: Weighed, weighed: Mapping[str, Weighed], quest: Quest) -> list[Weighed]:
-    """A mass and a shift of the readings beside what else there is of an explanation, at shifts over a whole sample.
+def shifted_by(fit: Fit, model: Model, part: float) -> Array | None:
+    """Coordinates of a fit by a model that has a delay as well, read a part of a sample late, or early by its law.
 
-    What rings not far below half the sampling rate comes, a part of a sample late, in another phase: alone a mass of
-    another frequency does a little of it, and so does a shift of another size, from neither of which a descent leads
-    to both; nor from both together, where one has settled in the wrong phase. Looked for where a mass or a shift
-    explains something. weighed: by name.
+    None where the model has no free delay, or the rows no step.
     """
-    rest = tuple(n for n in top.effects if n not in (MASS, DELAY))
-    both = together(rest, DELAY)
-    if not {MASS, DELAY} <= set(quest.names) or not _shifts(top, rest, weighed):
-        return []
-    if too_dear((MASS, *rest)) or len(both) > 2:
-        return []
-    start = weighed.get("+".join(rest)) if rest else None
-    fit = start.fit if start is not None else quest.base
-    late = weighed.get("+".join(both))
-    told = 0.0
-    if late is not None and late.refitted and not {MASS, DELAY} <= set(top.effects):
-        told = math.copysign(1.0, late.fit.values()["T_d_s"])
-    out: list[Weighed] = []
-    for law in laws_of_effect(DELAY, quest.given):
-        if told and (law == {}) != (told > 0.0):
-            continue  # where a mass has not led astray, a shift has the right sign, if the wrong size
-        model = extended(quest.model, both, {**quest.by(top.laws).given, **law})
-        frames = [] if model is None else _at_shifts(fit, model, quest)
-        if frames:
-            base = min((f.fit for f in frames), key=lambda f: f.objective)
-            found = beside_these(frames, both, MASS, quest.model, {**quest.by(top.laws).given, **law})
-            out += refined(base, found, quest.unasked()).values()
-    return sorted((w for w in out if w.refitted), key=lambda w: w.log_evidence)[-1:]
-
-
-def _shifts(top: Weighed, rest: Sequence[str], weighed: Mapping[str, Weighed]) -> bool:
-    """Whether a mass or a shift is a part of what explains most, or a shift helps beside the rest of it."""
-    if {MASS, DELAY}.intersection(top.effects):
-        return True
-    late, alone = (weighed.get("+".join(names)) for names in (together(rest, DELAY), rest))
-    return bool(late and alone and late.refitted and late.log_evidence > alone.log_evidence + RIVALS)
-
-
-def _at_shifts(fit: Fit, model: Model, quest: Quest) -> list[Frame]:
-    """A fit with readings a quarter, a half and three quarters of a sample early or late, as the model has it."""
     delay = next((p.prior for p in model.priors.free if p.name == "T_d_s"), None)
-    step = sample_step_s(fit)
-    if delay is None or step <= 0.0:
-        return []
-    problem, known = fit.problem, dict(zip(fit.problem.model.priors.names, fit.q, strict=False))
-    frames = []
-    for part in _PARTS:
-        shift = math.log(part * step) if delay.is_log else math.copysign(part * step, delay.a)
-        at = np.array([known.get(name, shift) for name in model.priors.names])
-        q = np.concatenate([at, fit.q[problem.model.dimension :]])
-        there = refit(problem.with_model(model), q, quest.prior.start(), quest.prior, max_steps=0, fit_noise=False)
-        frames += [] if there is None else [Frame(there)]
-    return frames
+    shift = part * sample_step_s(fit)
+    if delay is None or shift <= 0.0:
+        return None
+    d = fit.problem.model.dimension
+    at = dict(zip(fit.problem.model.priors.names, fit.q[:d], strict=True))
+    at["T_d_s"] = math.log(shift) if delay.is_log else math.copysign(shift, delay.a)
+    return np.concatenate([[at[name] for name in model.priors.names], fit.q[d:]])
 
 
 def shifted_rivals(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
