@@ -237,12 +237,13 @@ class Problem:
     def plants(self, q: Array) -> list[Plant]:
         """The model at q as a plant, by piece."""
         values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
-        plants: dict[Actuator, Plant] = {}
+        plants: dict[tuple[Actuator, tuple[float, float] | None], Plant] = {}
         for piece in self.pieces:
-            actuator = piece.recording.actuator
-            if actuator not in plants:
-                plants[actuator] = plant_of(self.model, values, actuator)
-        return [plants[piece.recording.actuator] for piece in self.pieces]
+            actuator, play = piece.recording.actuator, piece.play
+            if (actuator, play) not in plants:
+                plant = plant_of(self.model, values, actuator)
+                plants[actuator, play] = plant if play is None else replace(plant, play_m=play[0], play_from=play[1])
+        return [plants[piece.recording.actuator, piece.play] for piece in self.pieces]
 
     def _outputs(
         self,

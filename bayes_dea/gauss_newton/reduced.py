@@ -69,6 +69,7 @@ class Piece:
     averaging: csr_matrix = field(repr=False, kw_only=True)  # (nb, nodes)
     zero: int = -1  # index of its zero of position
     contact: int = 1
+    play: tuple[float, float] | None = None  # between actuator and sensor: `play_m`, `play_from` of its plant
 
     @property
     def name(self) -> str:
@@ -86,6 +87,7 @@ class Piece:
         for nodes in (self.nodes, self.past):
             inputs += [None] if nodes is None else [nodes.row, *nodes.inputs]
         inputs += [None] if self.path is None else [self.path.time_s, self.path.position_m]
+        inputs += [] if self.play is None else [*self.play]
         return digest(self.name, self.channel, self.group, self.rate, compared, inputs)
 
     @cached_property

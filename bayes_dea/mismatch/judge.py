@@ -7,14 +7,16 @@ from typing import Any
 
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
+from .readings.output_play import output_play
 from .readings.own_drifts import OwnDrifts, own_drifts
 from .readings.own_gains import Gains, gains_of
 from .readings.scales import OddScale, odd_scale
 from .readings.seen import Seen
-from .readings.supply_offset import SupplyOffset, supply_offset
+from .readings.supply_offset import supply_offset
 from .readings.swinging import Swinging, swinging
 from .readings.under_way import UnderWay, under_way
 from .readings.uneven import Uneven, uneven_scatter
+from .readings.unlisted import Unlisted, clearest
 from .search.hypotheses import DELAY, NONE, UNKNOWN
 from .search.naming import Explanation, Naming
 from .search.phase import sample_step_s
@@ -42,7 +44,7 @@ class Judged:
     swings: Swinging | None
     gains: Gains | None
     scale: OddScale | None  # of voltage and mechanical recordings, where nothing on the list explains them
-    supply: SupplyOffset | None  # where it is likelier than what was named
+    unlisted: Unlisted | None  # where it is likelier than what was named, or not to be told from that
     begun: UnderWay | None  # recordings that did not begin at rest, where nothing on the list explains them
     drifts: OwnDrifts | None  # of the sensor's zero, likewise
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
@@ -51,7 +53,7 @@ class Judged:
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
-        beside = (self.begun, self.drifts, self.scale, self.supply, self.uneven, self.swings, self.gains)
+        beside = (self.begun, self.drifts, self.scale, self.unlisted, self.uneven, self.swings, self.gains)
         out = [found.note() for found in beside if found is not None]
         best = self.explanation
         # a verdict with one effect more than the best explanation claims just what that leaves
@@ -80,9 +82,10 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    supply = supply_offset(naming, ruling.named, ready.prior)
-    if supply is not None:
-        ruling = ruling.overruled(supply.lead, supply.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0))
+    unlisted = clearest(find(naming, ruling.named, ready.prior) for find in (supply_offset, output_play))
+    if unlisted is not None:
+        nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
+        ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)
     mended, terms, scale, begun, drifts = None, None, None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)
@@ -90,7 +93,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         begun = under_way(base, ready.prior, most)
         drifts = None if begun else own_drifts(*_without_drift(naming), ready.prior, most)
         # where the best explanation leaves nothing, it is this that no physics explains
-        strangest = supply or ((swings or gains) if best.adequate else None)
+        strangest = unlisted or ((swings or gains) if best.adequate else None)
         if strangest is None:
             mended, terms = repair(best, looks, ready.prior)
         else:
@@ -115,7 +118,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         swings=swings,
         gains=gains,
         scale=scale,
-        supply=supply,
+        unlisted=unlisted,
         begun=begun,
         drifts=drifts,
         mended=mended,

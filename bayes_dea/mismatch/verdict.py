@@ -49,16 +49,17 @@ class Ruling:
                 break
         return out
 
-    def overruled(self, lead: float, nats: float = 0.0) -> Ruling:
+    def beside(self, lead: float, nats: float = 0.0, *, overruled: bool = True) -> Ruling:
         """What something unlisted makes of it that is so many nats likelier than the verdict; nats: of its evidence
-        beyond that of "unknown"."""
+        beyond that of "unknown"; overruled: whether the verdict is "unknown" then."""
         share = self.probability[self.verdict]
         unlisted = share * math.exp(min(lead, 500.0))
         total = 1.0 + unlisted
         p = {k: v / total for k, v in self.probability.items()}
         p[UNKNOWN] = p.get(UNKNOWN, 0.0) + unlisted / total
         physics, own = {**self.physics, UNKNOWN: UNKNOWN}, {**self.nats, UNKNOWN: nats}
-        return replace(self, verdict=UNKNOWN, probability=p, physics=physics, nats=own)
+        verdict = UNKNOWN if overruled else self.verdict
+        return replace(self, verdict=verdict, probability=p, physics=physics, nats=own)
 
     def _behind(self, name: str) -> float:
         return -self.probability[name]

@@ -44,8 +44,8 @@ _AT_ONCE_S = 1e-9
 
 
 #: numbers of the sensor, its holder and the recorder
-_SENSED = ("alpha_T_m_per_K", "T_d_s", "tau_s_s", "q_2_per_m", "drift_m_per_s", "mains_m", "mains_phase_rad",
-           "mains_Hz", "y_max_m")
+_SENSED = ("alpha_T_m_per_K", "play_m", "play_from", "T_d_s", "tau_s_s", "q_2_per_m", "drift_m_per_s", "mains_m",
+           "mains_phase_rad", "mains_Hz", "y_max_m")
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,10 @@ class Plant:
     f_1_Hz: float = np.inf
     zeta: float = 0.0
     alpha_T_m_per_K: float = 0.0
-    # sensor
+    # sensor, and a play (m) between it and the actuator, which is on no list of effects; play_from: how far below the
+    # middle of it the actuator is at first, in halves of it
+    play_m: float = 0.0
+    play_from: float = 0.0
     T_d_s: float = 0.0
     tau_s_s: float = 0.0
     q_2_per_m: float = 0.0
@@ -159,7 +162,7 @@ class Plant:
 
         A quick mass follows a slow command with hardly a ring, once the ring of an edge is over.
         """
-        limits = min(self.V_max_V, self.y_max_m) < np.inf
+        limits = min(self.V_max_V, self.y_max_m) < np.inf or self.play_m > 0.0
         rings = self.f_1_Hz < _QUICK_HZ or (self.f_1_Hz < np.inf and self.zeta * self.f_1_Hz < _QUIET_HZ)
         return not (limits or rings or self.V_dead_V > 0.0 or self.mains_m != 0.0 or self.mullins_share != 0.0)
 
@@ -202,7 +205,7 @@ class Plant:
         corner where hardly any stress is. to_look: for a grid, where a tenth will do, softening counts as gentle, whose
         corners are where a maximum is left behind by little.
         """
-        limits = min(self.V_max_V, self.y_max_m) < np.inf or self.sigma_y_Pa > 0.0
+        limits = min(self.V_max_V, self.y_max_m) < np.inf or max(self.sigma_y_Pa, self.play_m) > 0.0
         late = self.T_d_s != 0.0 or self.slew_V_per_s < np.inf or self.tau_fall_s > 0.0 or self.f_1_Hz < np.inf
         softens = self.mullins_share != 0.0 and not to_look
         return not (limits or late or softens or self.mains_m != 0.0 or self.alpha_T_m_per_K != 0.0)
@@ -216,7 +219,8 @@ class Plant:
         left of these, the way along a valley, is lost between sensitivities of few nodes and of all.
         """
         rings = self.f_1_Hz < np.inf and self.zeta < _DAMPED
-        if rings or self.y_max_m < np.inf or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
+        cut = self.y_max_m < np.inf or self.play_m > 0.0
+        if rings or cut or self.mains_m != 0.0 or not 0.0 <= self.T_d_s < _SOON_S:
             return False
         return to_look or replace(self, V_max_V=np.inf, f_1_Hz=np.inf).is_gentle()
 

@@ -18,7 +18,7 @@ from .spring import add_spring
 from .steps import Steps
 from .strain_kernel import strain_driven_kernel
 from .stress_kernel import GKV
-from .supply_kernel import delayed, drive_lags, lagged, network, supply, swinging
+from .supply_kernel import delayed, drive_lags, lagged, network, played, supply, swinging
 
 
 def simulate_nodes(plant: Plant, nodes: Nodes, past: Nodes | None = None) -> NDArray[np.float64]:
@@ -121,9 +121,15 @@ def sensed(
 ) -> NDArray[np.float64]:
     """What the sensor makes of the displacement y (m,) at the nodes, in the order of the contract.
 
-    before (k,): the displacement at the nodes of the past, which a delay and a lag still show. Where nothing is known
-    of a past the displacement was the one at the first node.
+    before (k,): the displacement at the nodes of the past, which a play, a delay and a lag still show. Where nothing is
+    known of a past the displacement was the one at the first node.
     """
+    if plant.play_m > 0.0:
+        whole = y if past is None or before is None else np.concatenate([before, y])
+        shown = np.empty_like(whole)
+        played(whole, 0.5 * plant.play_m, whole[0] + 0.5 * plant.play_m * plant.play_from, shown)
+        y = shown[whole.size - y.size :]
+        before = shown[: whole.size - y.size]
     if plant.T_d_s != 0.0 or plant.tau_s_s > 0.0:
         y = _late(plant, nodes, y) if past is None or before is None else _late_after(plant, nodes, y, past, before)
     if plant.q_2_per_m != 0.0:

@@ -330,6 +330,15 @@ def delayed(time, y, delay, out):
 
 
 @_jit
+def played(y, half, start, out):
+    """What follows y (m,) with a play of `half` either way, from `start` on."""
+    shown = start
+    for i in range(y.size):
+        shown = min(y[i] + half, max(y[i] - half, shown))
+        out[i] = shown
+
+
+@_jit
 def lagged(h, rows, y, tau, out):
     """First-order lag of an input that is held from row to row (each at the value of the row that ends it).
 

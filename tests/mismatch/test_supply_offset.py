@@ -56,7 +56,7 @@ def test_a_piece_under_an_offset_is_that_of_a_campaign_that_was_commanded_so():
 
 def test_what_is_unlisted_takes_the_probability_that_its_lead_says():
     ruling = Ruling("leakage", {"leakage": 0.8, "inertia": 0.15, "unknown": 0.05}, {"leakage": "leakage"}, {})
-    over = ruling.overruled(np.log(9.0))
+    over = ruling.beside(np.log(9.0))
     total = 1.0 + 0.8 * 9.0
     assert over.verdict == over.named == "unknown"
     assert over.probability == pytest.approx(

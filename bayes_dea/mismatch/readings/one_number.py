@@ -1,0 +1,81 @@
+"""Where along one number beside a fit the evidence is highest: a search by few fits, each from the nearest known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.problem import Problem
+from ...gauss_newton.refit import Fit, refit
+
+#: nats that a parabola through three places may be off by
+_SLACK = 10.0
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where the evidence is highest, the sd of a Gaussian of its curvature there, and its log."""
+
+    at: float
+    sd: float
+    height: float
+
+
+def highest(
+    fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float,
+    beyond: float,
+) -> Peak | None:
+    """The peak along a number that is zero in a fit and positive else; None where it is zero, or surely not so high.
+
+    changed: a problem, that of the fit, with the number. first: where is looked first, doubled up to the largest as
+    long as that helps. beyond: log evidence that makes it worth a close look.
+    """
+    known = {0.0: fit.log_evidence}
+    fits = {0.0: fit}
+
+    def at(x: float) -> float:
+        if x not in known:
+            near = fits[min(fits, key=lambda v: abs(v - x))]
+            again = refit(changed(fit.problem, x), near.q, near.noise, prior)
+            known[x] = -math.inf if again is None else again.log_evidence
+            if again is not None:
+                fits[x] = again
+        return known[x]
+
+    if not at(first) > known[0.0]:
+        return None
+    step = first
+    while step < largest and at(min(2.0 * step, largest)) > at(step):
+        step = min(2.0 * step, largest)
+    top = max(known, key=lambda v: known[v])
+    digits = 4 - math.floor(math.log10(first))  # of places: what is nearer than that is the same
+    for _ in range(2):
+        order = sorted(known)
+        k = min(max(order.index(top), 1), len(order) - 2)
+        peak = _parabola(order[k - 1 : k + 2], [known[v] for v in order[k - 1 : k + 2]])
+        if peak is None:
+            return None
+        middle = min(max(peak.at, 0.0), largest)
+        if peak.height < beyond - _SLACK:
+            return None
+        for x in (middle, middle - 2.0 * peak.sd, middle + 2.0 * peak.sd):
+            at(round(max(x, 0.0), digits))
+        top = max(known, key=lambda v: known[v])
+    near = sorted(sorted(known, key=lambda v: abs(v - top))[:3])
+    return _parabola(near, [known[v] for v in near])
+
+
+def _parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:
+    """The peak of a parabola through three places; None where it opens upwards."""
+    if not np.isfinite(height).all():
+        return None
+    # places of order one, so that the fit of micrometres is no worse than that of volts
+    scale = max(abs(x) for x in at)
+    a, b, c = np.polyfit(np.asarray(at) / scale, np.asarray(height), 2)
+    if a >= 0.0:
+        return None
+    return Peak(float(-0.5 * b / a) * scale, float(math.sqrt(-0.5 / a)) * scale, float(c - 0.25 * b * b / a))

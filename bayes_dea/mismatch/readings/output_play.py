@@ -1,0 +1,100 @@
+"""A play between the actuator and what reads it: a loose clevis, a target that tilts; physics of no actuator, and on no
+list of effects.
+
+What is read follows the displacement only once a gap is taken up, so that it stays behind at every turn, at any rate:
+friction that yields at once does the same to what answers at once. But friction holds the actuator itself back, whose
+branches relax under what they carry meanwhile, and a play does not. Where it explains the recordings clearly better
+than what was named, the verdict is "unknown", with the play said; where about as well, they cannot tell one from the
+other.
+Equation: the play operator y_k = min(x_k + w/2, max(x_k - w/2, y_(k-1))) (Visintin, Differential Models of Hysteresis,
+1994, III.2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.problem import Problem
+from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit
+from ..search.hypotheses import UNKNOWN
+from ..search.naming import Naming
+from .one_number import highest
+from .unlisted import CLEAR, Claimed, Unlisted, clearest
+
+_FRICTION = "rate_independent_hysteresis"
+#: ends (m) of the log-uniform prior: below what displacement sensors resolve, and what nobody would overlook
+_LEAST_M, _MOST_M = 0.1e-6, 100e-6
+#: where is looked first
+_FIRST_M = 0.5e-6
+#: nats by which it may be behind and be a rival yet
+_RIVAL = 5.0
+#: nats that friction, the nearest on the list, has to explain for a play to be looked for where nothing explains all
+_HINTS = 10.0
+#: where in the play the recordings begin: in its middle, or where the way down from before has left it
+_FROM = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class OutputPlay(Unlisted):
+    """A play; mean and sd in m."""
+
+    def note(self) -> str:
+        """One line on it."""
+        how = "better than any effect on the list" if self.clear else f"about as well as {_FRICTION}"
+        return (
+            f"a play (backlash) of {1e6 * self.mean:.3g} +- {1e6 * max(self.sd, 5e-9):.1g} um between the actuator and "
+            f"what the sensor reads {self._explains} {how}: look for a loose joint, clamp or target of the sensor, "
+            "preload it and record a slow wave again"
+        )
+
+    def _in_words(self) -> tuple[str, str, str, str, str]:
+        return "sensor", "direction", f"a play of {1e6 * self.mean:.3g} um", "play of the output", "m"
+
+
+def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
+    """A play of the output that is likelier than what is named (physics of a verdict), or nearly; else None.
+
+    Looked for where friction is claimed or helps, in the place of that.
+    """
+    claimed = Claimed.of(naming, named)
+    if claimed is None or not (_FRICTION in claimed.effects or (named == UNKNOWN and _hints(naming))):
+        return None
+    rest = claimed.without([_FRICTION], prior)
+    if rest is None:
+        return None
+    cost = claimed.cost(rest) - math.log(len(_FROM))
+    beyond = (CLEAR if named == UNKNOWN else -_RIVAL) - cost
+    found = [play_of(rest.fit, prior, beyond, start) for start in _FROM]
+    return clearest(OutputPlay(at[0], at[1], at[2] + cost, at[2], rest.name) for at in found if at is not None)
+
+
+def _hints(naming: Naming) -> bool:
+    """Whether friction alone explains something."""
+    alone = naming.weighed.get(_FRICTION)
+    return alone is not None and alone.refitted and alone.log_evidence > naming.none.weighed.log_evidence + _HINTS
+
+
+def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> tuple[float, float, float] | None:
+    """A play (m) beside a fit, its sd, and the log evidence with it, where this lies beyond so many nats; else None.
+
+    start: where in it the recordings begin, -1 to 1 (see `Plant`).
+    """
+
+    def with_it(problem: Problem, play_m: float) -> Problem:
+        return replace(problem, pieces=tuple(with_play(p, play_m, start) for p in problem.pieces))
+
+    peak = highest(fit, prior, with_it, _FIRST_M, _MOST_M, beyond)
+    if peak is None or peak.at < _LEAST_M:
+        return None
+    # integrated out, with its prior
+    density = 1.0 / (peak.at * math.log(_MOST_M / _LEAST_M))
+    total = peak.height + math.log(math.sqrt(2.0 * math.pi) * peak.sd * density)
+    return (peak.at, peak.sd, total) if total > beyond else None
+
+
+def with_play(piece: Piece, play_m: float, start: float = 0.0) -> Piece:
+    """A piece whose sensor follows the displacement with a play (m); a mechanical one as it is."""
+    return piece if piece.nodes is None or play_m == 0.0 else replace(piece, play=(play_m, start))

@@ -1,0 +1,105 @@
+"""Physics that is known and yet on no list of effects, held against what was named: what the two kinds of it share.
+
+Where one explains the recordings clearly better, the verdict is "unknown", and says with what size it does.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ..search.hypotheses import NONE, UNKNOWN, extended, prior_odds
+from ..search.naming import Naming
+from ..search.relabel import within
+from ..search.weigh import Weighed
+
+#: prior probability of one worth a word, and nats by which it has to lead what was named
+_PRIOR, CLEAR = 0.01, 3.0
+
+
+@dataclass(frozen=True)
+class Unlisted(ABC):
+    """What it comes to, the standard deviation of that, nats by which it leads what was named, prior odds in, and the
+    log evidence."""
+
+    mean: float
+    sd: float
+    lead: float
+    log_evidence: float
+    beside: str  # what else is in the model
+
+    @property
+    def clear(self) -> bool:
+        """Whether it overrules what was named; else the recordings cannot tell the two apart."""
+        return self.lead > CLEAR
+
+    @abstractmethod
+    def note(self) -> str:
+        """One line on it."""
+
+    def repair(self, partial: str) -> dict[str, Any]:
+        """The "repair" of diagnosis.json (see `unknown.repair`)."""
+        likely = 1.0 / (1.0 + math.exp(-min(self.lead, 500.0)))
+        stage, acts_on, form, term, unit = self._in_words()
+        terms = [{"term": term, "mean": self.mean, "sd": self.sd, "unit": unit, "inclusion_probability": likely}]
+        return {"stage": stage, "acts_on": acts_on, "form": form, "terms": terms, "partial": partial}
+
+    @abstractmethod
+    def _in_words(self) -> tuple[str, str, str, str, str]:
+        """Stage, what it acts on, a form in words, the name of its size and the unit of that."""
+
+    @property
+    def _explains(self) -> str:
+        return "explains the recordings" if self.beside == NONE else f"beside {self.beside} explains the recordings"
+
+
+@dataclass(frozen=True)
+class Claimed:
+    """What is named, for something unlisted to be held against: its effects, log evidence with log prior odds."""
+
+    weighed: Weighed
+    weight: float
+    naming: Naming
+    singles: int
+
+    @staticmethod
+    def of(naming: Naming, named: str) -> Claimed | None:
+        """The physics of a verdict; None where it claims none, or no voltage was applied."""
+        best = naming.best.weighed
+        if named == NONE or not any(p.nodes is not None for p in best.fit.problem.pieces):
+            return None
+        if named not in naming.log_evidence or (named != UNKNOWN and named not in naming.weighed):
+            return None
+        weighed = best if named == UNKNOWN else naming.weighed[named]
+        odds, singles = prior_odds(), sum("+" not in n for n in naming.weighed)
+        prior = odds.unknown if named == UNKNOWN else odds.of(len(weighed.effects), singles)
+        return Claimed(weighed, naming.log_evidence[named] + math.log(prior), naming, singles)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Those that are claimed; of something unknown, those of the best partial explanation."""
+        return self.weighed.effects
+
+    def without(self, replaced: Iterable[str], prior: NoisePrior) -> Weighed | None:
+        """The same but for some of the effects: as it was weighed, or refitted; None where it has no answer."""
+        none = self.naming.none.weighed
+        rest = [e for e in self.effects if e not in replaced]
+        known = self.naming.weighed.get("+".join(rest)) if rest else none
+        if known is not None and (known.refitted or not rest):
+            return known
+        own = {p.name: p for p in self.weighed.fit.problem.model.parameters}
+        model = extended(none.fit.problem.model, rest, own)
+        return None if model is None else within(self.weighed, none.fit, model, prior)
+
+    def cost(self, rest: Weighed) -> float:
+        """Log prior odds of something unlisted beside what stays, less the weight of what is named."""
+        return math.log(prior_odds().of(len(rest.effects), self.singles) * _PRIOR) - self.weight
+
+
+def clearest(found: Iterable[Unlisted | None]) -> Unlisted | None:
+    """The one that leads by most; None without any."""
+    return max((f for f in found if f is not None), key=lambda f: f.lead, default=None)
