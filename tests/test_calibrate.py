@@ -13,7 +13,13 @@ from short_runs import short_settings
 from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
-from bayes_dea.calibration import _notes, _notes_on_lags, _notes_on_priors, _notes_on_state_space, _why_no_elpd
+from bayes_dea.calibration_notes import (
+    _notes_on_lags,
+    _notes_on_misfits,
+    _notes_on_priors,
+    _notes_on_state_space,
+    why_no_elpd,
+)
 from bayes_dea.fit.ensemble import EnsembleSettings
 from bayes_dea.results import plain
 
@@ -75,8 +81,8 @@ def test_a_black_box_is_told_to_take_a_part_of_an_electrical_lag(spec, told):
 
 def test_where_an_elpd_is_not_known_the_reason_is():
     unknown, known = (SimpleNamespace(elpd=e, pareto_k=k) for e, k in ((None, 0.93), (12.0, 0.3)))
-    assert "Pareto k 0.93, 0.7 is allowed" in _why_no_elpd(unknown)
-    assert _why_no_elpd(known) is None
+    assert "Pareto k 0.93, 0.7 is allowed" in why_no_elpd(unknown)
+    assert why_no_elpd(known) is None
 
 
 def test_json_of_a_converged_run(converged, voltage_campaign):
@@ -197,21 +203,14 @@ def test_an_override_of_a_prior_is_obeyed(voltage_campaign):
     assert tight.parameters["Y_Pa"]["contraction"] < 0.5
 
 
-def _quiet_arguments():
-    """What `_notes` asks first, of a run about which there is nothing to say."""
-    model = SimpleNamespace(name="hooke", reported=lambda _: {}, prior_draws=lambda *_: None)
-    return model, SimpleNamespace(agree=1, swarms=1), SimpleNamespace(converged=True), {}, {}
-
-
 def test_what_is_left_out_is_told_in_units_that_people_use():
     def recording(name, channel, rmse, noise, offset, chance=1.1):
         return SimpleNamespace(name=name, channel=channel, rmse=rmse, noise_floor=noise, chi2_reduced=1.9, gain=-0.5,
                                chi2_by_chance=chance, offset=offset, offset_prior_sd=abs(offset) / 8, gain_prior_sd=0.1,
                                slow=None)
 
-    said = _notes(*_quiet_arguments(),
-                  [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, -2.4e-3),
-                   recording("b.csv", "force", 0.0321, 4.95e-3, 12.0)])
+    said = _notes_on_misfits([recording("a.csv", "displacement", 6.588e-6, 4.78e-6, -2.4e-3),
+                              recording("b.csv", "force", 0.0321, 4.95e-3, 12.0)])
     assert said[0].startswith("a.csv: the model misses it by 6.59 um RMS where the noise is 4.78 um (reduced")
     assert said[1].startswith("a.csv: its own offset came out at -2.4 mm, 8 times what")
     assert "allows (300 um)" in said[1]
@@ -220,7 +219,7 @@ def test_what_is_left_out_is_told_in_units_that_people_use():
     assert said[3].startswith("b.csv: the model misses it by 32.1 mN RMS where the noise is 4.95 mN (reduced")
     assert said[4].startswith("b.csv: its own offset came out at 12 N, 8 times what")
     few = [recording("a.csv", "displacement", 6.588e-6, 4.78e-6, 0.0, chance=2.1)]  # readings at rest, and correlated
-    assert not any("left out" in line and "misses" in line for line in _notes(*_quiet_arguments(), few))
+    assert not any("misses" in line for line in _notes_on_misfits(few))
 
 
 @pytest.mark.usefixtures("without_refits")

@@ -71,10 +71,10 @@ def statement(
             what = "that nothing which can be weighed explains"
         text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
         if partial != NONE:
-            part = f" The best partial explanation is {partial}; it does not mend all"
-            if naming.best.adequate:
-                part = f" It is likelier than {partial}, though that leaves nothing that a test can see"
-            text += f"{part}{f': {numbers}' if numbers else ''}.{_at_its_end(naming)}"
+            part, end = f" The best partial explanation is {partial}; it does not mend all", _at_its_end(naming)
+            if naming.best.adequate:  # more of it is not what is missing
+                part, end = f" It is likelier than {partial}, though that leaves nothing that a test can see", ""
+            text += f"{part}{f': {numbers}' if numbers else ''}.{end}"
         return text + _carries_over(fix, proof)
     told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
     values: dict[str, float] = {k: Measured(v["mean"], v["sd"], v["q05"], v["q95"]) for k, v in told.items()}

@@ -70,7 +70,8 @@ def test_what_the_sensor_shows_follows_by_the_play_operator(start):
 def test_a_piece_with_a_play_is_another_to_the_journal():
     problem, _, _ = problem_of(loose(0.0))
     piece = problem.pieces[0]
-    assert len({piece.key, with_play(piece, 1e-6).key, with_play(piece, 2e-6).key, with_play(piece, 1e-6, 1.0).key}) == 4
+    loosened = [with_play(piece, 1e-6), with_play(piece, 2e-6), with_play(piece, 1e-6, 1.0)]
+    assert len({p.key for p in (piece, *loosened)}) == 4
     assert with_play(piece, 0.0) is piece
 
 
