@@ -301,6 +301,9 @@ def proof_summary(proof: list[HeldOut], how: str) -> dict[str, Any]:
             {
                 "recording": h.recording,
                 "n": h.n,
+                # there for every recording (CONTRACT 4), null where nothing is in metres
+                "rmse_before_m": None,
+                "rmse_after_m": None,
                 f"rmse_before_{unit}": h.rmse_before,
                 f"rmse_after_{unit}": h.rmse_after,
                 f"noise_{unit}": h.noise,

@@ -146,7 +146,7 @@ def _sized(value: float | None, scale: float, unit: str) -> str:
 def _held_rows(summary: dict[str, Any]) -> list[dict[str, str]]:
     out = []
     for h in summary["proof"]["held_out"]:
-        unit, scale, sign = ("m", 1e6, "µm") if "rmse_before_m" in h else ("N", 1e3, "mN")
+        unit, scale, sign = ("m", 1e6, "µm") if "noise_m" in h else ("N", 1e3, "mN")
         out.append(
             {
                 "name": h["recording"],
@@ -330,7 +330,7 @@ def _mended(summary: dict[str, Any]) -> bool:
 
 
 def _proof(summary: dict[str, Any]) -> Picture | None:
-    rows = [h for h in summary["proof"]["held_out"] if "rmse_before_m" in h]
+    rows = [h for h in summary["proof"]["held_out"] if "noise_m" in h]
     if not rows:
         return None
     figure = new_figure(1.0 + 0.3 * len(rows))

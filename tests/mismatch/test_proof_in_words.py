@@ -1,7 +1,10 @@
 """What the statement says of the proof."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from bayes_dea.mismatch.summary import proof_summary
 from bayes_dea.mismatch.words import _proved
 
 
@@ -46,3 +49,15 @@ IN_TURN = "the error on 2 recordings left out in turn"
 )  # fmt: skip
 def test_an_effect_within_the_noise_is_told_in_nats(given, said):
     assert _proved(given) == said
+
+
+def test_every_held_out_recording_has_its_error_in_metres_or_null():
+    bare = {"n": 100, "elpd_before": 1.0, "elpd_after": 3.0, "answered": True}
+    moved = SimpleNamespace(recording="a.csv", channel="displacement", rmse_before=9e-6, rmse_after=5e-6, noise=5e-6,
+                            **bare)
+    pressed = SimpleNamespace(recording="b.csv", channel="force", rmse_before=0.02, rmse_after=5e-3, noise=5e-3, **bare)
+    a, b = proof_summary([moved, pressed], "validate")["held_out"]
+    assert (a["rmse_before_m"], a["rmse_after_m"], a["noise_m"]) == (9e-6, 5e-6, 5e-6)
+    assert "rmse_before_N" not in a
+    assert (b["rmse_before_m"], b["rmse_after_m"]) == (None, None)
+    assert (b["rmse_before_N"], b["rmse_after_N"], b["noise_N"]) == (0.02, 0.005, 5e-3)
