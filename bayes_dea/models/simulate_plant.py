@@ -125,11 +125,7 @@ def sensed(
     known of a past the displacement was the one at the first node.
     """
     if plant.play_m > 0.0:
-        whole = y if past is None or before is None else np.concatenate([before, y])
-        shown = np.empty_like(whole)
-        played(whole, 0.5 * plant.play_m, whole[0] + 0.5 * plant.play_m * plant.play_from, shown)
-        y = shown[whole.size - y.size :]
-        before = shown[: whole.size - y.size]
+        y, before = _loose(plant, y, before)
     if plant.T_d_s != 0.0 or plant.tau_s_s > 0.0:
         y = _late(plant, nodes, y) if past is None or before is None else _late_after(plant, nodes, y, past, before)
     if plant.q_2_per_m != 0.0:
@@ -142,6 +138,17 @@ def sensed(
     if plant.y_max_m < np.inf:
         y = np.minimum(y, plant.y_max_m - nodes.zero_m)
     return y
+
+
+def _loose(
+    plant: Plant, y: NDArray[np.float64], before: NDArray[np.float64] | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """y (m,) and what was before it (k,) through a play."""
+    k = 0 if before is None else before.size
+    x = y if before is None else np.concatenate([before, y])
+    half, shown = 0.5 * plant.play_m, np.empty_like(x)
+    played(x, half, x[0] + half * plant.play_from, shown)
+    return shown[k:], None if before is None else shown[:k]
 
 
 def _late(plant: Plant, nodes: Nodes, y: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.readings.output_play import play_of, with_play
 from bayes_dea.mismatch.verdict import Ruling
+from bayes_dea.models.simulate_plant import displacement, sensed
 
 
 def loose(play_m, scale=0.3):
@@ -107,3 +108,13 @@ def test_what_is_nearly_as_likely_is_a_rival_and_no_verdict():
     assert beside.verdict == "rate_independent_hysteresis"
     assert beside.probability["unknown"] == pytest.approx(1.0 / 1.9)
     assert beside.members == ["rate_independent_hysteresis", "unknown"]
+
+
+def test_a_lag_comes_behind_a_play():
+    problem, _, q = problem_of(loose(0.0))
+    plant, nodes = replace(problem.plants(q)[0], play_m=4e-6, tau_s_s=3e-3), problem.pieces[0].nodes
+    x = displacement(plant, nodes)
+    loosened = followed(x, 4e-6, x[0])
+    whole = sensed(replace(plant, play_m=0.0), nodes, loosened)
+    assert sensed(plant, nodes, x) == pytest.approx(whole, abs=1e-12)
+    assert np.abs(whole - x).max() > 1e-6

@@ -34,29 +34,29 @@ def highest(
     changed: a problem, that of the fit, with the number. first: where is looked first, doubled up to the largest as
     long as that helps. beyond: log evidence that makes it worth a close look.
     """
-    known = {0.0: fit.log_evidence}
-    fits = {0.0: fit}
+    fits: dict[float, Fit | None] = {0.0: fit}
+
+    def nearest(x: float) -> Fit:
+        return min(((abs(v - x), f) for v, f in fits.items() if f is not None), key=lambda pair: pair[0])[1]
 
     def at(x: float) -> float:
-        if x not in known:
-            near = fits[min(fits, key=lambda v: abs(v - x))]
-            again = refit(changed(fit.problem, x), near.q, near.noise, prior)
-            known[x] = -math.inf if again is None else again.log_evidence
-            if again is not None:
-                fits[x] = again
-        return known[x]
+        if x not in fits:
+            near = nearest(x)
+            fits[x] = refit(changed(fit.problem, x), near.q, near.noise, prior)
+        found = fits[x]
+        return -math.inf if found is None else found.log_evidence
 
-    if not at(first) > known[0.0]:
+    if not at(first) > at(0.0):
         return None
     step = first
     while step < largest and at(min(2.0 * step, largest)) > at(step):
         step = min(2.0 * step, largest)
-    top = max(known, key=lambda v: known[v])
+    top = max(fits, key=at)
     digits = 4 - math.floor(math.log10(first))  # of places: what is nearer than that is the same
     for _ in range(2):
-        order = sorted(known)
+        order = sorted(fits)
         k = min(max(order.index(top), 1), len(order) - 2)
-        peak = _parabola(order[k - 1 : k + 2], [known[v] for v in order[k - 1 : k + 2]])
+        peak = _parabola(order[k - 1 : k + 2], list(map(at, order[k - 1 : k + 2])))
         if peak is None:
             return None
         middle = min(max(peak.at, 0.0), largest)
@@ -64,9 +64,9 @@ def highest(
             return None
         for x in (middle, middle - 2.0 * peak.sd, middle + 2.0 * peak.sd):
             at(round(max(x, 0.0), digits))
-        top = max(known, key=lambda v: known[v])
-    near = sorted(sorted(known, key=lambda v: abs(v - top))[:3])
-    return _parabola(near, [known[v] for v in near])
+        top = max(fits, key=at)
+    near = sorted(sorted(fits, key=lambda v: abs(v - top))[:3])
+    return _parabola(near, list(map(at, near)))
 
 
 def _parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:

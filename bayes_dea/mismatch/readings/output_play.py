@@ -41,6 +41,8 @@ _FROM = (0.0, 1.0)
 class OutputPlay(Unlisted):
     """A play; mean and sd in m."""
 
+    stage, acts_on, term, unit = "sensor", "direction", "play of the output", "m"
+
     def note(self) -> str:
         """One line on it."""
         how = "better than any effect on the list" if self.clear else f"about as well as {_FRICTION}"
@@ -50,8 +52,9 @@ class OutputPlay(Unlisted):
             "preload it and record a slow wave again"
         )
 
-    def _in_words(self) -> tuple[str, str, str, str, str]:
-        return "sensor", "direction", f"a play of {1e6 * self.mean:.3g} um", "play of the output", "m"
+    def form(self) -> str:
+        """What it does, in words."""
+        return f"a play of {1e6 * self.mean:.3g} um"
 
 
 def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:

@@ -36,6 +36,8 @@ _ALIKE = frozenset({
 class SupplyOffset(Unlisted):
     """Volts that are added to every command."""
 
+    stage, acts_on, term, unit = "electrical", "the command", "offset of the supply", "V"
+
     def note(self) -> str:
         """One line on it."""
         return (
@@ -44,8 +46,9 @@ class SupplyOffset(Unlisted):
             "correct the command or record measured_voltage_V"
         )
 
-    def _in_words(self) -> tuple[str, str, str, str, str]:
-        return "electrical", "the command", f"command + {self.mean:.2g} V", "offset of the supply", "V"
+    def form(self) -> str:
+        """What it does, in words."""
+        return f"command + {self.mean:.2g} V"
 
 
 def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:

@@ -9,7 +9,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ..search.hypotheses import NONE, UNKNOWN, extended, prior_odds
@@ -24,7 +24,12 @@ _PRIOR, CLEAR = 0.01, 3.0
 @dataclass(frozen=True)
 class Unlisted(ABC):
     """What it comes to, the standard deviation of that, nats by which it leads what was named, prior odds in, and the
-    log evidence."""
+    log evidence. stage, acts_on: where it lives; term, unit: the name of what it comes to."""
+
+    stage: ClassVar[str]
+    acts_on: ClassVar[str]
+    term: ClassVar[str]
+    unit: ClassVar[str]
 
     mean: float
     sd: float
@@ -44,13 +49,12 @@ class Unlisted(ABC):
     def repair(self, partial: str) -> dict[str, Any]:
         """The "repair" of diagnosis.json (see `unknown.repair`)."""
         likely = 1.0 / (1.0 + math.exp(-min(self.lead, 500.0)))
-        stage, acts_on, form, term, unit = self._in_words()
-        terms = [{"term": term, "mean": self.mean, "sd": self.sd, "unit": unit, "inclusion_probability": likely}]
-        return {"stage": stage, "acts_on": acts_on, "form": form, "terms": terms, "partial": partial}
+        term = {"term": self.term, "mean": self.mean, "sd": self.sd, "unit": self.unit, "inclusion_probability": likely}
+        return {"stage": self.stage, "acts_on": self.acts_on, "form": self.form(), "terms": [term], "partial": partial}
 
     @abstractmethod
-    def _in_words(self) -> tuple[str, str, str, str, str]:
-        """Stage, what it acts on, a form in words, the name of its size and the unit of that."""
+    def form(self) -> str:
+        """What it does, in words."""
 
     @property
     def _explains(self) -> str:
