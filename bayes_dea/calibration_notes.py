@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -19,8 +20,8 @@ from .sampling import to_go_on
 #: standard deviations of a prior beyond which what came out is no longer what was meant by it, and of what a sensor's
 #: accuracy allows an offset or a gain
 _FAR_FROM_PRIOR, _FAR_FROM_SENSOR = 4.0, 4.0
-#: contraction below which an interval is the prior's
-_SAYS_LITTLE = 0.2
+#: contraction below which an interval is the prior's, and the ratio of widths from which on it is wider
+_SAYS_LITTLE, _WIDER = 0.2, 1.2
 
 
 def notes(
@@ -134,9 +135,10 @@ def _notes_on_contraction(
         positive = bool(np.all(quantities[name] > 0) and np.all(prior[name] > 0))
         c = contraction(quantities[name], prior[name], positive)
         if c < _SAYS_LITTLE:
+            wide = math.sqrt(1.0 - c)
+            its = "the prior's" if wide < _WIDER else f"{wide:.2g} times as wide as the prior's"
             out.append(
-                f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is the "
-                "prior's."
+                f"{name}: the recordings say little about it (contraction {max(c, 0):.2f}); its interval is {its}."
             )
     return out
 

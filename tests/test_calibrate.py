@@ -14,6 +14,7 @@ from tiny_campaign import tiny_campaign
 
 import bayes_dea as bd
 from bayes_dea.calibration_notes import (
+    _notes_on_contraction,
     _notes_on_lags,
     _notes_on_misfits,
     _notes_on_priors,
@@ -77,6 +78,17 @@ def check_contract(s):
 def test_a_black_box_is_told_to_take_a_part_of_an_electrical_lag(spec, told):
     notes = _notes_on_lags(bd.build_model(spec))
     assert [("R_s_ohm" in n and "too low" in n) for n in notes] == [True] * told
+
+
+@pytest.mark.parametrize(("sd", "said"), [
+    (0.1, None), (1.0, "(contraction 0.00); its interval is the prior's."),
+    (9.0, "(contraction 0.00); its interval is 9 times as wide as the prior's."),
+])
+def test_how_wide_the_interval_is_that_recordings_say_little_of(sd, said):
+    z = np.random.default_rng(1).standard_normal(4000)
+    prior, posterior = ({"Y_Pa": np.exp(14.0 + 0.2 * width * z)} for width in (1.0, sd))
+    notes = _notes_on_contraction(bd.build_model("hooke"), posterior, prior)
+    assert [said in n for n in notes] == ([True] if said else [])
 
 
 def test_where_an_elpd_is_not_known_the_reason_is():

@@ -17,6 +17,7 @@ from tiny_campaign import tiny_campaign
 from bayes_dea import cli
 from bayes_dea.campaign.schema import Actuator
 from bayes_dea.commands.progress import progress
+from bayes_dea.experiments.limits import limits_of_actuator
 from bayes_dea.fit.evidence import bridge_log_evidence
 from bayes_dea.prediction.follow import _Count
 
@@ -165,9 +166,10 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     assert told(prove.leave_out_in_turn(fit, fit, None, ("b", "c"), tell)) == [0, 0.5]
     actuator = Actuator(layers=399, layer_thickness_m=25e-6, relative_permittivity=2.8, electrode_area_m2=7.56e-5,
                         total_area_m2=1.145e-4, max_voltage_V=1000.0, max_frequency_Hz=10.0)
-    n = len(ask.menu(actuator))
+    limits = limits_of_actuator(actuator, True)
+    n = len(ask.menu(limits))
     assert n > 5
-    assert told(ask.next_experiment([fit, fit], ["a", "b"], actuator, tell)) == [k / n for k in range(n)]
+    assert told(ask.next_experiment([fit, fit], ["a", "b"], limits, tell)) == [k / n for k in range(n)]
     voltage = SimpleNamespace(nodes=1, recording=SimpleNamespace(hold="end"))
     monkeypatch.setattr(reread, "with_hold", lambda piece, hold: piece)
     assert told(reread.other_holds(SimpleNamespace(problem=Pieces((voltage,)), q=None), SimpleNamespace(

@@ -382,6 +382,11 @@ def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:
         warnings.append(f"{r.name}: position_m spans {travel:.4g} m of compression, more than the height of "
                         f"{height:g} m. Check its unit; if this is tension, set sign = -1 for position_m and "
                         "force_N in its [format].")
+    if _opposed(position, force):
+        problems.append(f"{r.name}: force_N falls where position_m rises, as no specimen between plates does: "
+                        "compression is positive in both columns, tension negative in both. Set sign = -1 for the one "
+                        'that is turned round, columns.force_N = { name = "force_N", sign = -1 } in its [format].')
+        return
     if area is None or travel == 0.0:
         return
     modulus = max(float(np.nanmax(force)), -float(np.nanmin(force))) / area / (travel / height)
@@ -389,6 +394,16 @@ def _mechanical(r: Recording, problems: list[str], warnings: list[str]) -> None:
         problems.append(f"{r.name}: force and travel make a stiffness of about {modulus:.2g} Pa, which no "
                         "elastomer has. Check the units of force_N, position_m, total_area_m2 and "
                         "stack_height_m.")
+
+
+def _opposed(position: NDArray[np.float64], force: NDArray[np.float64]) -> bool:
+    """Whether a force is the mirror image of its way, by rows from all over a recording."""
+    some = slice(None, None, max(1, position.size // _LOOKED_AT))
+    x, f = position[some], force[some]
+    known = np.isfinite(x) & np.isfinite(f)
+    if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(f[known]) == 0.0:
+        return False
+    return bool(np.corrcoef(x[known], f[known])[0, 1] < -_SIGN_CORRELATION)
 
 
 def _temperature(r: Recording, problems: list[str]) -> None:

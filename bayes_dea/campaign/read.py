@@ -73,12 +73,14 @@ def _campaign(first: Document, loaded: Sequence[_Loaded], notes: list[str],
     several = len(documents) > 1
     sensors, sensor_notes = _merge_sensors(documents)
     meta = {d.name: dict(d.meta) for d in documents if d.meta} if several else first.meta
+    inputs = [_input(f"{prefix}/{d.path.name}" if several else d.path.name, d.path)
+              for d, prefix in zip(documents, _prefixes(documents), strict=True)]
     return campaign_from_recordings(
         [entry.recording for entry in loaded], sensors, first.actuator,
         name=" + ".join(dict.fromkeys(d.name for d in documents)),
         folders=[d.path.resolve().parent for d in documents],
         ambient=first.ambient, share=first.share, meta=meta, conventions=first.conventions,
-        inputs=[_input(d.path.name, d.path) for d in documents] + _unique([entry.input for entry in loaded]),
+        inputs=inputs + _unique([entry.input for entry in loaded]),
         warnings=notes + sensor_notes + [w for entry in loaded for w in entry.warnings],
         where=[entry.where for entry in loaded])
 
@@ -157,7 +159,8 @@ def _merge(documents: Sequence[Document],
         for entry in entries:
             r = entry.recording
             name = f"{prefix}/{r.name}" if names.count(r.name) > 1 else r.name
-            merged.append(replace(entry, recording=replace(r, name=name, specimen=labels[r.specimen])))
+            file = {**entry.input, "file": f"{prefix}/{entry.input['file']}"}
+            merged.append(replace(entry, recording=replace(r, name=name, specimen=labels[r.specimen]), input=file))
     return merged, notes
 
 

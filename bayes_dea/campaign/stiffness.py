@@ -26,6 +26,11 @@ _LEAST_STRAIN = 1e-3
 _MOVES = 20.0
 #: share of the largest force that means contact
 _CONTACT = 0.05
+#: what a unit of the force, or of the way, that was not stated makes of a stiffness
+_TOO_SOFT = ('in kN, say so: columns.force_N = { name = "force_N", unit = "kN" } in its [format]; or is position_m in '
+             "mm?")
+_TOO_STIFF = ('in mN, say so: columns.force_N = { name = "force_N", unit = "mN" } in its [format]; or was position_m '
+              "divided by 1000 once too often?")
 
 
 @dataclass(frozen=True)
@@ -49,19 +54,30 @@ def check_stiffness(recordings: Sequence[Recording], sensors: Mapping[str, Senso
         found.append(m)
     soft, stiff = min(found, key=lambda m: m.high), max(found, key=lambda m: m.low)
     if stiff.low <= _FACTOR * soft.high:
-        return []
+        return _far_from_an_elastomer(soft, stiff)
     # the one that is farther from an elastomer is the one to look at; strokes are looked at by `plausibility`
     odd, other = (soft, stiff) if TYPICAL_MODULUS / soft.high > stiff.low / TYPICAL_MODULUS else (stiff, soft)
     if odd.recording.is_voltage:
         odd, other = other, odd
-    remedy = ('in kN, say so: columns.force_N = { name = "force_N", unit = "kN" } in its [format]; or is position_m '
-              "in mm?" if odd is soft else
-              'in mN, say so: columns.force_N = { name = "force_N", unit = "mN" } in its [format]; or was position_m '
-              "divided by 1000 once too often?")
     columns = "displacement_m and voltage_V" if other.recording.is_voltage else "force_N and position_m"
     return [f"{odd.recording.name}: force_N and position_m make a stiffness of about {_middle(odd):.2g} Pa, but "
             f"{columns} of {other.recording.name} one of about {_middle(other):.2g} Pa, and no actuator has both. If "
-            f"force_N of {odd.recording.name} is {remedy}"]
+            f"force_N of {odd.recording.name} is {_TOO_SOFT if odd is soft else _TOO_STIFF}"]
+
+
+def _far_from_an_elastomer(soft: _Modulus, stiff: _Modulus) -> list[str]:
+    """The same where all recordings agree, in a unit that no dielectric elastomer has."""
+    if stiff.low > _FACTOR * TYPICAL_MODULUS:
+        odd, remedy = stiff, _TOO_STIFF
+    elif soft.high < TYPICAL_MODULUS / _FACTOR:
+        odd, remedy = soft, _TOO_SOFT
+    else:
+        return []
+    if odd.recording.is_voltage:
+        return []
+    return [f"{odd.recording.name}: force_N and position_m make a stiffness of about {_middle(odd):.2g} Pa, where a "
+            f"dielectric elastomer has about {TYPICAL_MODULUS:.0g} Pa. If force_N is {remedy} Or is a length or an "
+            "area of [actuator] in another unit?"]
 
 
 def _middle(m: _Modulus) -> float:

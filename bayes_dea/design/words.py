@@ -54,7 +54,7 @@ def _all(names: Sequence[str]) -> str:
 
 def amount(entry: Mapping[str, Any]) -> str:
     """`3.75 +- 0.04 nats`."""
-    return f"{entry['expected_information_gain_nats']:.2f} +- {max(entry['se'], 0.005):.2f} nats"
+    return f"{entry['expected_information_gain_nats']:.2f} +- {entry['se']:.2f} nats"
 
 
 def statement(summary: Mapping[str, Any], best: Experiment, subject: str) -> str:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, xlogy
 
-from ..campaign.schema import Actuator, Campaign
+from ..campaign.schema import MECHANICAL_KINDS, Actuator, Campaign
+from ..errors import InputError
 from ..experiments.costs import Costs
-from ..experiments.limits import limits_of_actuator
+from ..experiments.limits import Limits, limits_of, limits_of_actuator
 from ..experiments.menu import Experiment
 from ..experiments.menu import menu as experiments
 from ..gauss_newton.refit import Fit
 from ..models.effects import registered_effects
 from ..models.effects.effect import VOLTAGE
+from ..models.model import Model
 from ..models.nodes import make_nodes
 from ..models.plant import plant_of
 from ..models.simulate_plant import simulate_nodes, simulate_plates
@@ -29,6 +33,10 @@ _COSTS = Costs(rest_s=600.0)
 _GAIN_SD, _SLACK_SHARE, _SLACK_STEP = 0.02, 0.02, 0.002
 #: nats from which on an experiment decides between two explanations (20 to 1), and below which it tells nothing
 _DECISIVE, _NOTHING = 3.0, 0.1
+#: nats beyond which more say nothing more
+_PLENTY = 1000.0
+#: probability that counts as none
+_CERTAIN = 1e-12
 #: step of a slope, in sds of the parameter, and the least variance that one may have
 _SHARE_OF_SD, _LEAST_VARIANCE = 0.3, 1e-18
 #: variance, in sds of before, that is none
@@ -37,9 +45,24 @@ _NO_WIDTH = 1e-12
 _USUAL = {"displacement": 4.7e-6, "force": 0.005}
 
 
-def menu(actuator: Actuator) -> list[Experiment]:
-    """The short menu of `next` within the actuator's limits: what is said here can be asked for there."""
-    return experiments(limits_of_actuator(actuator, True), "few")
+def menu(limits: Limits) -> list[Experiment]:
+    """The short menu of `next`: what is said here can be asked for there."""
+    return experiments(limits, "few")
+
+
+def offered_by(campaign: Campaign, model: Model) -> Limits:
+    """What the bench of a campaign can do, as `next` has it; nothing where no experiment can be proposed."""
+    try:
+        return limits_of(campaign, {model.name: model.is_black_box})
+    except InputError:
+        return replace(limits_of_actuator(campaign.recordings[0].actuator, False), offered=())
+
+
+def _with_a_press(limits: Limits) -> list[Experiment]:
+    """What plates would add to a bench whose campaign states no sensors of force and position; none where it does."""
+    if set(MECHANICAL_KINDS).intersection(limits.offered):
+        return []
+    return [p for p in menu(limits_of_actuator(limits.actuator, True)) if p.kind in MECHANICAL_KINDS]
 
 
 def cost_s(p: Experiment) -> float:
@@ -128,8 +151,29 @@ def separation(
     return max(0.0, 0.5 * float(np.sum((w * d) ** 2) - g @ x))
 
 
+def told_apart(nats: float, odds: Sequence[float]) -> float:
+    """Expected information (nats) about which of two is true, at most the entropy of their odds.
+
+    nats: expected log ratio of their evidences, in favour of the one that is true. It is normal with twice that as its
+    variance, where both predict alike but for the mean.
+    """
+    first = float(np.clip(odds[0] / (odds[0] + odds[1]), _CERTAIN, 1.0 - _CERTAIN))
+    z = np.linspace(-8.0, 8.0, 2001)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    left = 0.0
+    for p, sign in ((first, 1.0), (1.0 - first, -1.0)):
+        ratio = sign * nats + math.sqrt(2.0 * nats) * z
+        left += p * float(density @ _entropy(expit(ratio + math.log(first / (1.0 - first)))))
+    return max(0.0, float(_entropy(np.array(first))) - left)
+
+
+def _entropy(p: Array) -> Array:
+    """Of two that exclude each other, in nats."""
+    return np.asarray(-xlogy(p, p) - xlogy(1.0 - p, 1.0 - p))
+
+
 def first_experiment(
-    base: Fit, actuator: Actuator, tell: Tell = silence, scatter: Mapping[str, float] = _USUAL
+    base: Fit, limits: Limits, tell: Tell = silence, scatter: Mapping[str, float] = _USUAL
 ) -> dict[str, Any]:
     """The experiment that teaches most of the model itself, an hour: for recordings that tell nothing yet.
 
@@ -138,12 +182,12 @@ def first_experiment(
     """
     best: tuple[float, float, Experiment] | None = None
     sd = np.sqrt(np.maximum(np.diag(base.covariance), 0.0))
-    proposals = menu(actuator)
+    proposals = menu(limits)
     for k, p in enumerate(proposals):
         tell(k, len(proposals), p.name)
         if p.column != "voltage_V":
             continue
-        plain = answer(base, p, actuator)
+        plain = answer(base, p, limits.actuator)
         if plain is None:
             continue
         y, readings = plain
@@ -155,7 +199,7 @@ def first_experiment(
             q = base.q.copy()
             h = min(float(sd[i]), 1.0)
             q[i] += h
-            moved = answer(base, p, actuator, q)
+            moved = answer(base, p, limits.actuator, q)
             if moved is not None and moved[0].size == y.size:
                 d = w * (moved[0] - y)
                 d = d - frame @ (frame.T @ d)
@@ -171,30 +215,48 @@ def first_experiment(
 
 
 def next_experiment(
-    fits: list[Fit], names: list[str], actuator: Actuator, tell: Tell = silence,
-    scatter: Mapping[str, float] = _USUAL,
+    fits: list[Fit], names: list[str], limits: Limits, tell: Tell = silence,
+    scatter: Mapping[str, float] = _USUAL, odds: Sequence[float] = (0.5, 0.5),
 ) -> dict[str, Any]:
-    """The experiment with the largest expected separation of the two likeliest explanations per hour."""
+    """The experiment with the largest expected information about which of the two likeliest explanations is true, an
+    hour. odds: their probabilities.
+
+    A press that no sensors are stated for is proposed where nothing else would decide and it does.
+    """
     if len(fits) < 2:
         return {}
-    scored = []
-    proposals = menu(actuator)
-    for k, p in enumerate(proposals):
-        tell(k, len(proposals), p.name)
-        nats = separation(fits[0], fits[1], p, actuator, scatter)
-        scored.append((nats * 3600.0 / cost_s(p), nats, p))
-    if not scored:
+
+    def scored(proposals: Sequence[Experiment]) -> list[tuple[float, float, Experiment]]:
+        """Information an hour, nats of evidence, and what gives them; the best last."""
+        found = []
+        for k, p in enumerate(proposals):
+            tell(k, len(proposals), p.name)
+            nats = separation(fits[0], fits[1], p, limits.actuator, scatter)
+            found.append((told_apart(nats, odds) * 3600.0 / cost_s(p), nats, p))
+        return sorted(found, key=lambda s: s[:2])
+
+    found, needs = scored(menu(limits)), ""
+    if not any(nats >= _DECISIVE for _, nats, _ in found):
+        pressed = [f for f in scored(_with_a_press(limits)) if f[1] >= _DECISIVE]
+        if pressed:
+            needs = (f"; it needs a press with sensors of force and position, which campaign.toml does not state "
+                     f"(counted with a scatter of {1e3 * scatter['force']:.2g} mN)")  # fmt: skip
+            found = pressed
+    if not found:
         return {"why": "the geometry under [actuator] allows no experiment of the menu", "recording": {}}
-    _, nats, p = max(scored, key=lambda s: s[0])
+    _, nats, p = found[-1]
+    information = told_apart(nats, odds)
     if nats < _NOTHING:
         return {"why": f"no experiment of the menu tells {names[0]} from {names[1]} (less than {_NOTHING:.1g} nats)",
-                "recording": {}, "expected_information_nats": nats}  # fmt: skip
+                "recording": {}, "expected_information_nats": information}  # fmt: skip
     worth = "" if nats >= _DECISIVE else "; no experiment of the menu would be decisive"
-    return _proposal(f"splits {names[0]} from {names[1]}: about {min(nats, 1e6):.3g} nats expected{worth}", p, nats)
+    size = f"about {nats:.3g}" if nats < _PLENTY else f"more than {_PLENTY:.0f}"
+    why = f"splits {names[0]} from {names[1]}: {size} nats of evidence expected{worth}{needs}"
+    return {**_proposal(why, p, information), "expected_log_bayes_factor": nats}
 
 
 def sharpening_experiment(
-    fit: Fit, own: Sequence[int], actuator: Actuator, tell: Tell = silence,
+    fit: Fit, own: Sequence[int], limits: Limits, tell: Tell = silence,
     scatter: Mapping[str, float] = _USUAL,
 ) -> dict[str, Any]:
     """The experiment that teaches most of some parameters of a fit, an hour.
@@ -214,12 +276,12 @@ def sharpening_experiment(
     if not _shown_by_plates(fit, own):
         most = 0.5 * (_log_det(before, own) - _log_det(_knowing_the_rest(before, own), own))
     best: tuple[float, float, Experiment, Array] | None = None
-    proposals = sorted(menu(actuator), key=lambda p: p.channel == "force")
+    proposals = sorted(menu(limits), key=lambda p: p.channel == "force")
     for k, p in enumerate(proposals):
         tell(k, len(proposals), p.name)
         if p.channel == "force" and best is not None and most * 3600.0 / cost_s(p) <= best[0]:
             continue
-        taught = _taught(fit, p, actuator, scatter)
+        taught = _taught(fit, p, limits.actuator, scatter)
         if taught is None:
             continue
         after = root @ np.linalg.inv(np.eye(d) + root.T @ (taught * np.outer(sd, sd)) @ root) @ root.T

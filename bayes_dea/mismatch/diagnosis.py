@@ -22,7 +22,7 @@ from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit
 from ..models.model import Model, build_model
 from . import second_look
-from .ask import first_experiment, next_experiment, sharpening_experiment, stated_scatter
+from .ask import first_experiment, next_experiment, offered_by, sharpening_experiment, stated_scatter
 from .held_gains import held_gains
 from .judge import Judged, judged, named_fit
 from .laps import Laps
@@ -202,7 +202,7 @@ def _once(
             found, against = replace(found, gains=gains), None
     lap("prove")
     say("asking", 0, 1, "the next experiment")
-    ask = _ask(found, stated_scatter(ready.campaign), lambda *at: say("asking", *at))
+    ask = _ask(found, ready.campaign, lambda *at: say("asking", *at))
     lap("ask")
     notes = [*seen.notes, *unanswered(proved, corrected.problem.model.name), *untaught(proved), *found.notes()]
     foreign: list[Foreign] = []
@@ -300,13 +300,13 @@ def _drawn(
     return posterior(fit, own, rng, tell) if own.size else None
 
 
-def _ask(found: Judged, scatter: Mapping[str, float], tell: Tell = silence) -> dict[str, Any]:
+def _ask(found: Judged, campaign: Campaign, tell: Tell = silence) -> dict[str, Any]:
     """The experiment that would split what is left, sharpen it, or show anything at all where these recordings do not.
     """
     naming, base, ruling = found.naming, found.base, found.ruling
-    actuator = base.problem.pieces[0].recording.actuator
+    limits, scatter = offered_by(campaign, base.problem.model), stated_scatter(campaign)
     if silent(naming) and any(p.channel == "displacement" for p in base.problem.pieces):
-        return first_experiment(base, actuator, tell, scatter)
+        return first_experiment(base, limits, tell, scatter)
     if ruling.verdict == UNKNOWN:
         return {"why": "what was left out is on no list, so that no experiment can be told to show it; whether it is "
                        "there again when the recordings that show it most are repeated would tell whether it is of the "
@@ -318,11 +318,12 @@ def _ask(found: Judged, scatter: Mapping[str, float], tell: Tell = silence) -> d
         if fit is not None and len(fits) < 2:
             fits.append(fit)
             names.append(name)
+    odds = [sum(p for m, p in ruling.probability.items() if ruling.physics.get(m) == n) for n in names]
     if len(fits) < 2:
         model = fits[0].problem.model
         added = [i for i, n in enumerate(model.priors.names) if n not in base.problem.model.priors.names]
-        return sharpening_experiment(fits[0], added or range(model.dimension), actuator, tell, scatter)
-    return next_experiment(fits, names, actuator, tell, scatter)
+        return sharpening_experiment(fits[0], added or range(model.dimension), limits, tell, scatter)
+    return next_experiment(fits, names, limits, tell, scatter, odds)
 
 
 __all__ = ["Diagnosis", "DiagnosisSettings", "diagnose"]

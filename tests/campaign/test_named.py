@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+from bayes_dea.bench.run import run_bench
 from bayes_dea.campaign import load_campaign
 from bayes_dea.campaign.named import campaign_words
 from bayes_dea.campaign.schema import Campaign
@@ -15,6 +16,13 @@ def test_folders_files_and_what_lies_nowhere(small_campaign, tmp_path):
     other = here / "other.toml"
     shutil.copyfile(here / "campaign.toml", other)
     assert campaign_words(load_campaign(other)) == [str(other.resolve())]
+    another = tmp_path / "B"
+    run_bench(another, "small", seed=2)
+    both = load_campaign([here, another])
+    assert campaign_words(both) == [str(here.resolve()), str(another.resolve())]
+    files = {entry["file"] for entry in both.inputs}
+    assert {"my campaign/campaign.toml", "B/campaign.toml"} <= files
+    assert all(f.startswith(("my campaign/", "B/")) for f in files)
     assert campaign_words(Campaign("x", (), None, {}, ())) == ["CAMPAIGN"]
 
 

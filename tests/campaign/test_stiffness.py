@@ -33,6 +33,12 @@ def relax(name, force_scale=1.0, strain=0.05, modulus=MODULUS, from_the_step=Fal
     return recording_from_arrays(name, "relaxation", columns, actuator=STACK)
 
 
+def tension(r):
+    """The same of a film that is drawn: both columns negative."""
+    turned = {c: -r.columns[c] for c in ("position_m", "force_N")}
+    return recording_from_arrays(r.name, r.kind, {**r.columns, **turned}, actuator=STACK)
+
+
 def creep(name, modulus=MODULUS, volts=1000.0):
     """Maxwell stress over the modulus: 8.854e-12 2.8 (1000 / 25e-6)^2 = 39.7 kPa, 0.33 mm at 1.2 MPa."""
     v = np.where(T > 1.0, volts, 0.0)
@@ -57,6 +63,28 @@ def test_a_unit_is_named_with_its_remedy(recordings, odd, unit):
     assert f'columns.force_N = {{ name = "force_N", unit = "{unit}" }} in its [format]' in said
     warned = campaign_from_recordings(recordings, SENSORS, conventions={"plausibility": "warn"}).warnings
     assert any("no actuator has both" in w for w in warned)
+
+
+@pytest.mark.parametrize(("recordings", "said", "unit"), [
+    ([press("odd", 1e3), relax("odd2", 1e3)], "a stiffness of about 1.9e+09 Pa, where", "mN"),
+    ([press("odd", 1e-3), relax("odd2", 1e-3)], "a stiffness of about 1.2e+03 Pa, where", "kN"),
+])
+def test_a_unit_that_all_recordings_have_is_named_too(recordings, said, unit):
+    with pytest.raises(InputError, match="odd") as caught:
+        campaign_from_recordings(recordings, SENSORS)
+    assert said in str(caught.value)
+    assert f'unit = "{unit}"' in str(caught.value)
+    warned = campaign_from_recordings(recordings, SENSORS, conventions={"plausibility": "warn"}).warnings
+    assert any(said in w for w in warned)
+
+
+@pytest.mark.parametrize("make", [press, relax])
+def test_a_force_with_its_sign_turned_round_is_named(make):
+    turned = make("odd", -1.0)
+    with pytest.raises(InputError, match="sign = -1"):
+        campaign_from_recordings([turned], SENSORS)
+    film = tension(make("film"))
+    assert not any("sign = -1 for the one" in w for w in campaign_from_recordings([film], SENSORS).warnings)
 
 
 @pytest.mark.parametrize("recordings", [
@@ -87,5 +115,4 @@ def test_a_specimen_that_is_pulled_is_told(pull_N, said):
         assert "keep the rows that press, or preload it" in warned[0]
     # without a statement on the sensor nothing is claimed, and tension is tension
     assert not any("a pull" in w for w in campaign_from_recordings([glued], {}).warnings)
-    film = recording_from_arrays("a", "compression", {**r.columns, "force_N": -r.columns["force_N"]}, actuator=STACK)
-    assert not any("a pull" in w for w in campaign_from_recordings([film], sensors).warnings)
+    assert not any("a pull" in w for w in campaign_from_recordings([tension(r)], sensors).warnings)

@@ -15,6 +15,7 @@ from bayes_dea.mismatch.where.locate import (
     FAMILY_WISE,
     Residuals,
     Window,
+    _after_edges,
     _apart,
     _scan,
     is_adequate,
@@ -105,6 +106,17 @@ def test_the_frequency_of_a_wave_is_read_off_the_command(shape, hz):
 def test_a_step_is_no_wave():
     t = np.arange(0, 10, 0.01)
     assert excitation(t, np.where(t > 1, 900.0, 0.0))[0] == 0.0
+
+
+@pytest.mark.parametrize(("since_s", "said"), [
+    (np.arange(0.2, 2.0, 0.1), None),
+    (np.concatenate([np.arange(3.0, 4.0, 0.1), np.arange(0.0, 1.55, 0.1)]), "from an edge to 1.5 s after it"),
+    (np.concatenate([np.full(9, np.inf), np.arange(0.0, 1.05, 0.1)]), "from an edge to 1 s after it"),
+    (np.arange(0.01, 1.0, 0.1), "from an edge to 0.91 s after it"),
+    (np.tile(np.arange(0.0, 0.5, 0.01), 3), "3 edges and what follows them"),
+])
+def test_a_stretch_with_edges_in_it_is_no_plateau(since_s, said):
+    assert _after_edges(since_s) == said
 
 
 def test_features_of_a_rectangle(base):

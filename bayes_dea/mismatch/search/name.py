@@ -431,7 +431,10 @@ class _Search:
             more += self._taken(swapped)
         top = top_of([start, *more], start)
         if not self.quest.explained_by(top.fit):
-            more += self._taken(mass_read_early_or_late(top, self.known.weighed, self.quest))
+            shifted = mass_read_early_or_late(top, self.known.weighed, self.quest)
+            # a shift that takes a little of what another pair would explain is in the way of finding that
+            most = REMAINS * excess(top.fit, self.brief.prior)
+            more += self._taken([w for w in shifted if excess(w.fit, self.brief.prior) <= most])
         if first_of_all and not self.quest.explained_by(top_of(more, start).fit):
             more += self._taken(self._in_place_of_a_mode(start))
         elif not first_of_all and self.known.physics(start) == 1 and more:

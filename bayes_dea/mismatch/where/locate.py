@@ -40,6 +40,8 @@ _DRAWS, _MORE, _NEAR = 240, 4, 3.0
 _FEW, _FAR = 72, 30.0
 #: intervals of mismatch that are told, the strongest
 _TOLD = 40
+#: time after an edge that counts as the edge itself
+_AT_AN_EDGE_S = 0.05
 #: sd below which a window is one that the fit could absorb: it says nothing
 _ABSORBED = 0.2
 #: how many of the highest windows may refute a fit at once, and the chance below which that is beyond doubt: a
@@ -290,7 +292,7 @@ def _apart(hits: Sequence[tuple[float, Window]]) -> list[tuple[float, Window]]:
 
 def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
     since = float(np.median(f.since_edge_s[inside]))
-    if since < 0.05:
+    if since < _AT_AN_EDGE_S:
         up = np.mean(f.jump[inside] > 0)
         return "rising edges" if up > 0.7 else "falling edges" if up < 0.3 else "edges"
     speed = f.speed[inside]
@@ -300,9 +302,22 @@ def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
         return "input falling"
     if np.isfinite(f.phase[inside]).mean() > 0.5:
         return f"during the {f.frequency_Hz:.3g} Hz excitation"
+    if (after := _after_edges(f.since_edge_s[inside])) is not None:
+        return after
     if np.isfinite(since):
         return f"plateau, {since:.3g} s after an edge"
     return "before the first edge"
+
+
+def _after_edges(since_s: NDArray[np.float64]) -> str | None:
+    """A stretch of rows (n,) that has edges of its input in it; None without one. since_s: time since the last edge."""
+    begins = np.flatnonzero(np.diff(since_s, prepend=math.inf) < 0.0)
+    begins = begins[since_s[begins] < _AT_AN_EDGE_S]
+    if begins.size == 0:
+        return None
+    if begins.size > 1:
+        return f"{begins.size} edges and what follows them"
+    return f"from an edge to {np.nanmax(since_s[begins[0]:]):.3g} s after it"
 
 
 def excess_by(fit: Fit, found: Scan) -> dict[str, dict[str, float]]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...campaign import Campaign, campaign_from_recordings, recording_from_arrays
+from ...experiments.limits import limits_of_actuator
 from ...mismatch.ask import next_experiment
 from ...mismatch.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from ..creep_law_entries import BIAS_V, RIVALS, SWING_V, law_entries, rival_entries, verdict_entries
@@ -85,4 +86,5 @@ def _ask(d: Diagnosis) -> dict[str, Any]:
     fits = [d.naming.weighed[n].fit for n in RIVALS if n in d.naming.weighed]
     if len(fits) < len(RIVALS):
         return {}
-    return next_experiment(fits, list(RIVALS), replace(printed().actuator("creep"), max_voltage_V=1200.0))
+    actuator = replace(printed().actuator("creep"), max_voltage_V=1200.0)
+    return next_experiment(fits, list(RIVALS), limits_of_actuator(actuator, True))
