@@ -65,7 +65,7 @@ def wait(for_what, runs, process):
 
 
 @pytest.mark.parametrize("signals", [FEWER, pytest.param(SIGNALS, marks=pytest.mark.long)], ids=len)
-@pytest.mark.parametrize("verb", [pytest.param(v, marks=pytest.mark.long) if v == "next" else v for v in VERBS])
+@pytest.mark.parametrize("verb", [v if v == "diagnose" else pytest.param(v, marks=pytest.mark.long) for v in VERBS])
 def test_random_kills(tiny, tmp_path, verb, signals):
     options, file = VERBS[verb]
 

@@ -114,8 +114,8 @@ print(json.dumps(peak - start))
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="anonymous memory is told by Linux only")
-@pytest.mark.parametrize("make", ["creep", pytest.param("coarse", marks=pytest.mark.long),
-                                  pytest.param("compression", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("make", ["creep", "coarse", "compression"])
 def test_memory_does_not_grow_with_the_rows(make):
     """In pieces of an eighth of the usual size it takes 60 MB; whole (pieces of the usual size) 97 to 114 MB."""
     rows = 700_000

@@ -31,7 +31,7 @@ def without_clock(value):
 
 
 @pytest.mark.parametrize("case", [
-    pytest.param(c, marks=pytest.mark.long) if c in ("effect", "nonlinear") else c for c in CASES
+    pytest.param(c, marks=pytest.mark.long) if c in ("effect", "nonlinear", "diagnose") else c for c in CASES
 ])
 def test_one_worker_and_two(tiny, tmp_path, monkeypatch, case):
     shorten(monkeypatch.setattr)

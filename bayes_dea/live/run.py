@@ -208,6 +208,12 @@ def _follow(
     return run.summary
 
 
+def _input(path: Path) -> dict[str, Any]:
+    """Name, size and SHA-256 of a file that a run goes by, as it is when the run begins."""
+    content = path.read_bytes()
+    return {"file": path.name, "size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+
+
 def _earlier(path: Path) -> dict[str, Any]:
     """live.json of the run before; empty where there is none. Raises InputError where it is not whole."""
     if not path.exists():
@@ -278,6 +284,8 @@ class _Run:
         self._earlier_s = 0.0  # device's time of what was on disk before
         self._now: tuple[int, float] = (0, 0.0)
         self._began = time.perf_counter()
+        given = (self.campaign, settings.command, settings.device)
+        self._inputs = [_input(Path(path)) for path in given if path is not None]
 
     # ------------------------------------------------------------ before
     def recover(self, resume: bool) -> float | None:
@@ -477,7 +485,6 @@ class _Run:
         lag = {"median": None, "p99": None, "max": None} if not self.lags else {
             "median": float(np.median(self.lags)), "p99": float(np.quantile(self.lags, 0.99)), "max": max(self.lags)}
         learner, block = self.learner, self.learner.block * self.learner.step_s
-        content = self.campaign.read_bytes()
         if not parameters and self.history.entries:  # while it runs: means and sds do
             units = learner.model.units()
             parameters = {k: {**v, "unit": units[k]} for k, v in self.history.entries[-1].parameters.items()
@@ -485,6 +492,8 @@ class _Run:
         return {
             "model": learner.model.name,
             "campaign": learner.bench.name,
+            "play": self.settings.play,
+            "command": None if self.settings.command is None else str(self.settings.command),
             "samples": self.received,
             "learned_samples": learner.samples - learner.left_out,
             "lost_samples": learner.lost,
@@ -509,8 +518,7 @@ class _Run:
             "seconds_by": dict(self.seconds),
             "seed": self.seed,
             "version": __version__,
-            "inputs": [{"file": self.campaign.name, "size": len(content),
-                        "sha256": hashlib.sha256(content).hexdigest()}],
+            "inputs": self._inputs,
             "approximation": learner.approximation(),
             "mains": learner.mains.found if learner.mains is not None else [],
             "warnings": [*self.warnings, *lateness(self.lags, _LATE_S, self.late_until_s), *learner.notes()],

@@ -22,6 +22,7 @@ def test_it_ends_in_a_corner_of_its_bounds(wrong):
     assert at[0] > 0.0  # louder
 
 
+@pytest.mark.long
 def test_descents_from_elsewhere_end_with_it(wrong):
     """Of 97,000 nats, but for less than what is no lead; one step after the noise had grown left 25 of them."""
     fit, prior = wrong

@@ -41,6 +41,7 @@ def test_of_a_fine_sensor_rounding_is_noise():
     assert all(p.rounding == 0.0 and not p.further_variance.any() for p in problem.pieces)
 
 
+@pytest.mark.long
 def test_steps_are_no_physics_and_no_gains():
     s = diagnose(coarse(), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "none"

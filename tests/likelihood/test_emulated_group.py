@@ -127,6 +127,7 @@ def test_voltage_and_compression_together():
     assert abs(np.mean(beta) - truth["beta"]) < 4 * np.std(beta)
 
 
+@pytest.mark.long
 def test_the_noise_is_followed_far_from_the_centre():
     e, _ = emulation_of("series_resistance")
     q = np.tile(draws_of(e, 400).mean(axis=0), (4, 1))

@@ -175,6 +175,7 @@ def test_a_bench_that_overshoots_a_limit_of_one_s_own_is_stopped(toml, tmp_path)
     assert machine._target_V == 0.0
 
 
+@pytest.mark.long
 def test_ctrl_c_ramps_down_and_what_was_chosen_is_kept(toml, tmp_path):
     out = tmp_path / "out"
     machine = device()

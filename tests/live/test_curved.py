@@ -219,6 +219,7 @@ def test_where_refits_lead_nowhere_a_search_does(monkeypatch):
         assert np.std(exact_log_likelihood(one, rows[: one.samples], q) - one.posterior.log_likelihood(q)) < 0.2
 
 
+@pytest.mark.long
 def test_an_earlier_posterior_is_the_prior_of_a_curved_model_too(followed, tmp_path):
     """30 s after 60 s that another run has seen: more is known than after the 60 s, and it is the truth."""
     earlier, _, _ = followed

@@ -1,5 +1,6 @@
 """Live runs against real pseudo-terminals and sockets, with what goes wrong there."""
 
+import hashlib
 import json
 import math
 import os
@@ -143,6 +144,10 @@ def test_a_command_file_is_streamed_within_the_limit(toml, tmp_path):
     at = [r.time_s[np.argmax(volts == v)] for v in (400, 900, 200)]
     assert np.allclose(np.diff(at), 1.0, atol=0.15)
     assert volts[-1] == 0
+    written = json.loads((out / "live.json").read_text())
+    assert (written["command"], written["play"]) == (str(command), None)
+    assert [i["file"] for i in written["inputs"]] == [toml.name, "command.csv"]
+    assert written["inputs"][1]["sha256"] == hashlib.sha256(command.read_bytes()).hexdigest()
 
 
 def test_a_command_beyond_the_limit_never_leaves(toml, tmp_path):

@@ -64,9 +64,9 @@ def followed(faults, rate_Hz=200.0, cycles=28):
     return alarms
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "word"), [
-    ("stiffness=22.3:1.05", "stroke"), pytest.param("stiffness=22.3:0.95", "stroke", marks=pytest.mark.long),
-    pytest.param("delay=22.3:0.015", "", marks=pytest.mark.long),
+    ("stiffness=22.3:1.05", "stroke"), ("stiffness=22.3:0.95", "stroke"), ("delay=22.3:0.015", ""),
 ])
 def test_a_change_is_found_within_five_seconds(fault, word):
     alarms = followed([fault])

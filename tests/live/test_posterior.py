@@ -107,6 +107,7 @@ def test_at_five_stages_it_is_the_batch_posterior(rows):
     print(f"largest difference of means {worst_mean:.3f} sd, of sds {100 * worst_sd:.1f} %")
 
 
+@pytest.mark.long
 def test_it_is_calibrate_s_posterior_and_evidence(rows):
     from bayes_dea.find_map import find_map
     from bayes_dea.sampling import sample_posterior
@@ -173,6 +174,7 @@ def test_span_of_a_long_stream():
     assert kept.span() == pytest.approx(high - low, rel=0.15)
 
 
+@pytest.mark.long
 def test_the_first_reading_of_a_session_that_begins_under_voltage_does_not_matter(rows):
     """As in `calibrate`: it may be from before that voltage acted or from after."""
     under = rows[np.argmax(rows[:, 1] > 300.0) :].copy()

@@ -71,6 +71,7 @@ def test_a_device_that_does_not_answer_gets_time_to_zero(zero, tmp_path, monkeyp
     reader.journal.close()
 
 
+@pytest.mark.long
 def test_what_a_gap_makes_worth_nothing_is_said_and_not_counted_as_learned():
     rows = played("short")
     at = len(rows) // 3

@@ -47,5 +47,6 @@ def test_it_hands_on_the_pair_and_the_next_one_looks_for_none(fit_and_brief, mon
     assert second.probability["series_resistance+supply_dead_zone"] > 0.99
 
 
+@pytest.mark.long
 def test_where_single_effects_are_spoiled_there_is_nothing_to_hand_on(fit_and_brief):
     assert searched(fit_and_brief, spoiled=lambda fit: fit.problem.model.name != "hooke+gm3") == Spoiled()

@@ -18,8 +18,9 @@ def wavering(resolution_m, name="creep_1200V.csv", period_s=7.3, hidden=None):
     return replace(c, sensors={**c.sensors, "displacement": coarse})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("resolution_m", "verdict"), [
-    pytest.param(0.15e-6, "unknown", marks=pytest.mark.long), (2e-6, "none"),
+    (0.15e-6, "unknown"), (2e-6, "none"),
 ])
 def test_what_wavers_by_less_than_a_step_is_no_mismatch_of_unknown_kind(resolution_m, verdict):
     result = diagnose(wavering(resolution_m), "hooke+gm3")

@@ -190,6 +190,7 @@ def test_a_campaign_too_quiet_says_so_and_what_would_help(plain):
     assert s["next_experiment"]["recording"]["kind"] in s["statement"]
 
 
+@pytest.mark.long
 def test_a_command_that_is_on_in_the_first_row_raises_no_alarm(plain):
     """Rested start, hold = "end": the first row's command acted before it; nothing is to be seen of that."""
     out = []

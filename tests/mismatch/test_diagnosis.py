@@ -97,6 +97,7 @@ def test_a_disturbance_that_is_on_no_list_is_not_given_a_confident_name():
     assert {"stage", "acts_on", "form", "terms"} <= set(s["repair"])
 
 
+@pytest.mark.long
 def test_correlated_noise_louder_than_stated_is_no_mismatch():
     from bayes_dea.mismatch.diagnosis import diagnose
 

@@ -117,6 +117,7 @@ def test_a_count_that_does_the_work_of_another_effect_is_not_taken():
     assert counted(found, fit, prior) is found
 
 
+@pytest.mark.long
 def test_elements_that_are_counted_for_one_explanation_are_counted_for_its_rivals():
     """Else what does as well looks worse by the nats that a wrong count costs."""
     campaign = concealed({FRICTION: {**STRONG, "elements": 12.0}, "stretch_dependent_permittivity": {"c_eps": -2.0}},

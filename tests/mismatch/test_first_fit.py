@@ -47,14 +47,15 @@ def _none_better(fit, prior, spread, tries):
     return len(objectives)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effects", "spec", "pressed"),
     [
         ({"series_resistance": RESISTANCE}, "hooke+gm3+series_resistance", False),
-        pytest.param({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False, marks=pytest.mark.long),
-        pytest.param({"leakage": LEAK}, "hooke+gm3+leakage", False, marks=pytest.mark.long),
-        pytest.param({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
-                     "hooke+gm3+series_resistance+mullins_softening", True, marks=pytest.mark.long),
+        ({"acquisition_delay": DELAY}, "hooke+gm3+acquisition_delay", False),
+        ({"leakage": LEAK}, "hooke+gm3+leakage", False),
+        ({"mullins_softening": MULLINS, "series_resistance": RESISTANCE},
+         "hooke+gm3+series_resistance+mullins_softening", True),
     ],
     ids=["resistance", "delay", "leak", "two"],
 )  # fmt: skip

@@ -66,6 +66,7 @@ def test_what_may_be_more_than_that_is_searched_again(searches, monkeypatch, eff
     assert answers == [None]
 
 
+@pytest.mark.long
 def test_nothing_was_left_out_where_a_sensor_was_moved(searches):
     result = diagnose(moved({}, SIZES), "hooke+gm3")
     assert searches == [False]

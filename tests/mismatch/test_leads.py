@@ -54,6 +54,7 @@ def test_what_is_left_out_beside_a_lead_is_named_without_it():
     assert found["mean"] == pytest.approx(1.2e5, abs=4.0 * found["sd"])
 
 
+@pytest.mark.long
 def test_a_lead_of_several_samples_is_named():
     s = diagnose(led(concealed(), 5e-3), "hooke+gm3").summary
     assert s["verdict"] == "acquisition_delay"

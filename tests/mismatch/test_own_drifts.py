@@ -22,8 +22,9 @@ def creeping(rates, effects=None):
 RATES = 6e-8 * np.array([1.0, -1.0, 8.0, -6.0, 7.0, -5.0, 4.0])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("effects", [
-    {}, pytest.param({"acquisition_delay": {"T_d_s": 0.0064}}, marks=pytest.mark.long),
+    {}, {"acquisition_delay": {"T_d_s": 0.0064}},
 ])
 def test_it_is_said_and_no_physics_is_claimed(effects):
     campaign = creeping(RATES, effects)

@@ -76,6 +76,7 @@ def test_gains_are_worth_a_search_where_they_leave_nothing_to_be_seen(monkeypatc
     assert not worth_a_search(before, SimpleNamespace(log_evidence=2.0, left=150.0), None, lambda _: True)
 
 
+@pytest.mark.long
 def test_nothing_is_left_out_of_a_model_whose_recordings_have_gains_of_their_own(monkeypatch):
     """Nor are pairs of effects tried first for what is better explained by gains."""
     monkeypatch.setattr(name, "beside_the_leader", lambda *_: pytest.fail("a pair is looked for"))

@@ -24,6 +24,7 @@ def damped():
     return diagnose(concealed({"parallel_damper": {"d0_Pa_s": 1400.0}}, material=MATERIAL), "hooke+gm3")
 
 
+@pytest.mark.long
 def test_a_damper_is_named_that_a_mode_of_the_base_could_be(damped):
     """The base's fastest mode relaxes in 10 us then, and leaves less of the damper than the sensor resolves."""
     s, weighed = damped.summary, damped.naming.weighed["parallel_damper"]
@@ -34,6 +35,7 @@ def test_a_damper_is_named_that_a_mode_of_the_base_could_be(damped):
     assert "none" not in s["indistinguishable"]
 
 
+@pytest.mark.long
 def test_its_size_is_that_against_modes_which_the_sampling_shows(damped):
     fit, base = damped.naming.weighed["parallel_damper"].fit, damped.naming.none.weighed.fit
     held = with_true_modes(fit, base, _prior(damped))
@@ -44,11 +46,13 @@ def test_its_size_is_that_against_modes_which_the_sampling_shows(damped):
     assert effect_size(held, fit) > 10.0 * STEP_M
 
 
+@pytest.mark.long
 def test_where_the_explanation_has_such_a_mode_itself_no_size_is_told(damped):
     base = damped.naming.none.weighed.fit
     assert with_true_modes(base, base, _prior(damped)) is None
 
 
+@pytest.mark.long
 def test_of_the_places_for_that_mode_the_better_counts(diagnosed):
     """A series resistance of 120 kOhm is no damper: 3 ms suit the base better than where the resistance lets it be."""
     result = diagnosed("series_resistance", {"R_s_ohm": 1.2e5})

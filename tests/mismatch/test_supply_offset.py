@@ -19,6 +19,7 @@ def commanded(volts, effects=None, scale=0.3):
         replace(r, columns={**r.columns, "voltage_V": r.columns["voltage_V"] - volts}) for r in c.recordings))
 
 
+@pytest.mark.long
 def test_an_offset_of_the_supply_is_no_effect_of_the_actuator():
     s = diagnose(commanded(10.0), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "unknown"

@@ -125,6 +125,7 @@ def test_what_a_wrong_model_leaves_creeps_and_does_not_swing():
         assert swinging(fitted(concealed(effects)), STEP_M) is None
 
 
+@pytest.mark.long
 def test_it_is_unknown_and_said():
     result = diagnose(shaken(concealed(), 2e-6), "hooke+gm3", seed=1)
     assert result.verdict == "unknown"

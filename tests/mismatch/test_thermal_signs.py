@@ -10,8 +10,9 @@ from bayes_dea.priors import parse_override
 NAME, ALPHA = "thermal_expansion", "alpha_T_m_per_K"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("alpha", "said"), [
-    (3e-5, "to be taken from the recorded"), pytest.param(-3e-5, "readings rise by", marks=pytest.mark.long),
+    (3e-5, "to be taken from the recorded"), (-3e-5, "readings rise by"),
 ])
 def test_it_is_named_with_its_sign(alpha, said):
     s = diagnose(concealed({NAME: {ALPHA: alpha}}, scale=0.5), "hooke+gm3", seed=1).summary

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton.refit import refit
@@ -20,6 +21,7 @@ def cut(campaign, names, rows=CUT):
         if r.name in names else r for r in campaign.recordings))
 
 
+@pytest.mark.long
 def test_what_relaxes_from_before_is_told_as_that():
     late = cut(concealed(scale=0.2), ("rectangle_1Hz.csv", "triangle_1Hz.csv"))
     s = diagnose(late, "hooke+gm3", seed=1).summary

@@ -37,6 +37,7 @@ def test_unknown_is_no_more_likely_than_what_was_not_weighed_leaves_it():
     assert most_for_unknown(skipped) == 1.0
 
 
+@pytest.mark.long
 def test_an_effect_that_could_not_be_weighed_is_unknown_with_little_confidence():
     s = diagnose(concealed({"parallel_damper": {"d0_Pa_s": 3000.0}}), "pz3", seed=1).summary
     assert s["verdict"] == "unknown"
