@@ -1,4 +1,4 @@
-"""What a campaign says and no model uses: a voltage measured beside the command, and a payload."""
+"""What a campaign says and no model is driven by: a voltage measured beside the command, and a payload."""
 
 from __future__ import annotations
 
@@ -35,6 +35,12 @@ class Supplied:
 def unused_warnings(recordings: Sequence[Recording], sensors: Mapping[str, Sensor]) -> list[str]:
     """Lines on what was read and is not used, and what follows from it; none where there is nothing."""
     return _voltages(recordings, sensors.get("voltage")) + _payloads(recordings)
+
+
+def drives_itself(recording: Recording) -> bool:
+    """Whether the column that was measured is mapped to the drive, too."""
+    command, measured = recording.columns["voltage_V"], recording.columns["measured_voltage_V"]
+    return np.array_equal(command, measured, equal_nan=True)
 
 
 def supplied(recording: Recording) -> Supplied | None:
@@ -74,21 +80,20 @@ def _both(u: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.fl
 
 
 def _voltages(recordings: Sequence[Recording], sensor: Sensor | None) -> list[str]:
-    own = [r for r in recordings if r.is_voltage and "measured_voltage_V" in r.columns
-           # not where it was mapped to the drive
-           and not np.array_equal(r.columns["voltage_V"], r.columns["measured_voltage_V"], equal_nan=True)]
+    own = [r for r in recordings if r.is_voltage and "measured_voltage_V" in r.columns and not drives_itself(r)]
     found = [(r.name, s) for r in own if (s := supplied(r)) is not None]
     if not found:
         return []
-    text = (f"measured_voltage_V ({_names([name for name, _ in found])}) was read, but no model uses it: the command "
-            "voltage_V drives the model, so that whatever the supply makes of it is taken for the actuator. ")
+    text = (f"measured_voltage_V ({_names([name for name, _ in found])}) was read, but drives no model, and diagnose "
+            "alone looks at it: the command voltage_V drives the model, so that whatever the supply makes of it is "
+            "taken for the actuator. ")
     by_gain = max(found, key=lambda f: abs(f[1].gain - 1.0) * f[1].largest_V)
     by_rms = max(found, key=lambda f: f[1].rms_V)
     differs = (f"gain {by_gain[1].gain:.4g} ({by_gain[0]}), and after gain and offset {by_rms[1].rms_V:.3g} V RMS "
                f"({by_rms[0]})")
     remedy = ('To drive the model with what was measured, set columns.voltage_V = "measured_voltage_V" in [format] and '
               'hold = "linear".')
-    scatter, limit = _stated(sensor)
+    scatter, limit = stated_voltage(sensor)
     if scatter is None or limit is None:
         return [f"{text}[sensor.voltage] states nothing to judge it by; it differs from the command by {differs}. "
                 f"{remedy}"]
@@ -98,7 +103,7 @@ def _voltages(recordings: Sequence[Recording], sensor: Sensor | None) -> list[st
     return [f"{text}It agrees with the command within what [sensor.voltage] states, so little is lost."]
 
 
-def _stated(sensor: Sensor | None) -> tuple[float | None, float | None]:
+def stated_voltage(sensor: Sensor | None) -> tuple[float | None, float | None]:
     """Scatter (one standard deviation) and systematic error in V that a voltage may have; the one for the other where
     one alone is stated."""
     if sensor is None:

@@ -176,6 +176,7 @@ def _once(
     seen, naming = sought(ready, priors, s.most_effects, r_name, say, loose, known)
     lap("name")
     found = judged(ready, seen, naming)
+    naming = found.naming
     ruling, base, corrected = found.ruling, found.base, found.corrected
     say("proving", 0, 1, "recordings kept for validation")
     seen.spoiled(corrected, identify=False)

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
+from .readings.measured_supply import Monitored, monitored
 from .readings.output_play import output_play
 from .readings.own_drifts import OwnDrifts, own_drifts
 from .readings.own_gains import Gains, gains_of
@@ -18,7 +19,7 @@ from .readings.under_way import UnderWay, under_way
 from .readings.uneven import Uneven, uneven_scatter
 from .readings.unlisted import Unlisted, clearest
 from .search.hypotheses import DELAY, NONE, UNKNOWN
-from .search.naming import Explanation, Naming
+from .search.naming import Explanation, Naming, beside_another_channel
 from .search.phase import sample_step_s
 from .timing import timing_note
 from .unknown import Terms, repair
@@ -49,11 +50,13 @@ class Judged:
     drifts: OwnDrifts | None  # of the sensor's zero, likewise
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
     terms: Terms | None  # beside its best partial explanation
+    monitor: Monitored | None = None  # what a voltage that was measured says of the supply
 
     def notes(self) -> list[str]:
         """What is to be said of the recordings beside the verdict."""
         verdict = self.ruling.verdict
-        beside = (self.begun, self.drifts, self.scale, self.unlisted, self.uneven, self.swings, self.gains)
+        readings = (self.monitor, self.scale, self.uneven, self.swings, self.gains)
+        beside = (self.begun, self.drifts, self.unlisted, *readings)
         out = [found.note() for found in beside if found is not None]
         best = self.explanation
         # a verdict with one effect more than the best explanation claims just what that leaves
@@ -70,6 +73,9 @@ class Judged:
 
 def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     """The claim, and the fit behind it."""
+    monitor = monitored(naming, ready.campaign.sensors.get("voltage"))
+    if monitor is not None:
+        naming = beside_another_channel(naming, monitor.nats)
     best, base = naming.best, naming.none.weighed.fit
     looks = [features(p) for p in base.problem.pieces]
     facts = facts_of(best.weighed.fit, seen.pieces, ready.limit, ready.resolution_m)
@@ -123,6 +129,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         drifts=drifts,
         mended=mended,
         terms=terms,
+        monitor=monitor,
     )
 
 

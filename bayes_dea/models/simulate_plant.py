@@ -99,6 +99,12 @@ def _strain(plant: Plant, steps: Steps, whole: bool = False) -> NDArray[np.float
     return steps.asked(out)
 
 
+def supplied_voltage(plant: Plant, nodes: Nodes) -> NDArray[np.float64]:
+    """Voltage (m,) in V behind the supply at the nodes, before any resistance, from rest at 0 V."""
+    steps = _supplied(plant, nodes.steps) if plant.has_limited_supply else nodes.steps
+    return steps.asked(steps.u1)
+
+
 def _supplied(plant: Plant, steps: Steps) -> Steps:
     """What a supply with limits makes of commanded steps."""
     at = np.empty(steps.h.size, dtype=np.int64)

@@ -90,7 +90,7 @@ rest_before_s = 7200
     assert campaign.actuator.payload_kg == 0.1
     # gain 0.999 of 1000 V is 1 V, of which 0.5 V are stated; nothing else is to be said
     measured, payload = campaign.warnings
-    assert measured.startswith("measured_voltage_V (creep.csv) was read, but no model uses it")
+    assert measured.startswith("measured_voltage_V (creep.csv) was read, but drives no model")
     assert "gain 0.999 (creep.csv), and after gain and offset" in measured
     assert payload.startswith("payload_kg = 0.1 (creep.csv, second.csv, third.csv) is not used by any model")
     by_file = {entry["file"]: entry for entry in campaign.inputs}

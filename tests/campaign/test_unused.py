@@ -55,7 +55,7 @@ def test_gaps_a_constant_command_and_a_command_from_its_row_on():
 def test_by_how_much_it_differs_is_said_where_it_is_more_than_stated(sensor, measured, said):
     recordings = [driven(lambda V, rng: V + 0.5, "a"), driven(measured, "b", seed=2), driven(None, "c", seed=3)]
     (line,) = unused_warnings(recordings, {} if sensor is None else {"voltage": sensor})
-    assert line.startswith("measured_voltage_V (a, b) was read, but no model uses it: the command voltage_V drives")
+    assert line.startswith("measured_voltage_V (a, b) was read, but drives no model, and diagnose alone looks at it: ")
     assert said in line
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -152,6 +152,23 @@ def across_readings(naming: Naming, log_odds: float, other: Naming) -> Naming:
     }
     total = float(logsumexp(list(weight.values())))
     return replace(naming, log_weight=weight, probability={k: math.exp(w - total) for k, w in weight.items()})
+
+
+def beside_another_channel(naming: Naming, nats: Mapping[str, float]) -> Naming:
+    """The same with the evidence (nats by name) that another channel adds to each."""
+    added = {k: nats.get(k, 0.0) for k in naming.log_weight}
+    weight = {k: w + added[k] for k, w in naming.log_weight.items()}
+    top = max(naming.log_weight.values())
+    # a probability that adequacy has had its say in stays that; none, of what is far behind, is what that leaves
+    p = {k: naming.probability.get(k, 0.0) for k in naming.log_weight}
+    log_p = {k: (math.log(p[k]) if p[k] > 0.0 else w - top) + added[k] for k, w in naming.log_weight.items()}
+    total = float(logsumexp(list(log_p.values())))
+    return replace(
+        naming,
+        log_evidence={k: e + added[k] for k, e in naming.log_evidence.items()},
+        log_weight=weight,
+        probability={k: math.exp(v - total) for k, v in log_p.items()},
+    )
 
 
 def with_adequacy(

@@ -24,7 +24,7 @@ class Effect(ABC):
     recordings that it changes. null: parameter values at which it does nothing, None where there are no finite ones.
     needs: columns without which it cannot be worked out. black_box: whether pz3 and ss3 can have it. without_network: a
     network that holds the same part already. moves_corners: whether its parameters move corners of the answer in time,
-    or what comes at once.
+    or what comes at once. in_supply: whether it acts before measured_voltage_V is taken.
     """
 
     name: ClassVar[str]
@@ -38,6 +38,7 @@ class Effect(ABC):
     black_box: ClassVar[bool] = False
     without_network: ClassVar[str] = ""
     moves_corners: ClassVar[bool] = False
+    in_supply: ClassVar[bool] = False
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -48,6 +48,7 @@ class SupplyCurrentLimit(Effect):
 
     name = "supply_current_limit"
     stage = "electrical"
+    in_supply = True
     moves_corners = True
     label = "current limit of the supply"
     equation = "|V_s'| <= I_max/C_0"
@@ -70,6 +71,7 @@ class OneQuadrantSupply(Effect):
 
     name = "one_quadrant_supply"
     stage = "electrical"
+    in_supply = True
     moves_corners = True
     label = "one-quadrant supply"
     equation = "V_s' = -(V_s - V_command)/tau_fall while V_s > V_command; rises at once"
@@ -92,6 +94,7 @@ class SupplySaturation(Effect):
 
     name = "supply_saturation"
     stage = "electrical"
+    in_supply = True
     moves_corners = True
     label = "saturation of the supply"
     equation = "V_s = min(V_command, V_max)"
@@ -118,6 +121,7 @@ class SupplyDeadZone(Effect):
 
     name = "supply_dead_zone"
     stage = "electrical"
+    in_supply = True
     label = "dead zone of the supply"
     equation = "V_s = max(0, V_command - V_dead)"
     source = f"{_CATALOGUE}, E6"
