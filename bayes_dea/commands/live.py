@@ -20,11 +20,13 @@ from .options import (
     QuietOption,
     ResumeOption,
     SeedOption,
+    WorkersOption,
     conclude,
     count,
     number,
     overrides,
     seconds,
+    threads,
     writing,
 )
 from .progress import plain_terminal
@@ -39,6 +41,7 @@ def live(
     model: ModelOption,
     out: OutOption = Path("live"),
     seed: SeedOption = 1,
+    workers: WorkersOption = 0,
     play: Annotated[str | None, typer.Option(metavar="NAME", help="Let the device play one of its programmes.")] = None,
     command: Annotated[Path | None, typer.Option(metavar="FILE", help="Stream this command (time_s, voltage_V), within "
                                                  "the limit of the actuator.")] = None,
@@ -93,7 +96,8 @@ def live(
     if resume and anew:
         raise InputError("--resume and --anew: give one of them")
     settings = LiveSettings(duration, baud, zero=zero, play=play, command=command, device=device, start=start,
-                            learner=LearnerSettings(block, sequential=SequentialSettings(particles)),
+                            learner=LearnerSettings(block, sequential=SequentialSettings(particles),
+                                                    workers=threads(workers)),
                             adaptive=chosen, max_voltage_V=max_voltage)
     with writing(out), contextlib.ExitStack() as stack:
         if anew:

@@ -17,7 +17,9 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +47,8 @@ LIVE_EFFECTS = ("series_resistance", "leakage", "charge_retention", "thickness_f
 _PLANTS, _TESTS = 1.7, 8
 #: draws of a design are this much wider than the posterior
 _WIDE = 1.4
+#: plants times steps below which threads take longer to begin than to work
+_WORTH_THREADS = 20_000
 #: plants times steps up to which a new design is taken through all that was: about five seconds
 _LONGEST = 1e7
 #: sd of a logarithm from which it is a wide one
@@ -76,11 +80,13 @@ def powers_for(model: Model, z: Array) -> Array:
 
 @dataclass
 class Bank:
-    """Plants at coordinates z (m, d), rested at first. W (m, SIZE): numbers and states."""
+    """Plants at coordinates z (m, d), rested at first. W (m, SIZE): numbers and states. threads: among which they are
+    parted; each goes its own way, so that the numbers are the same for any."""
 
     model: Model
     actuator: Actuator
     z: Array
+    threads: int = 1
     W: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,7 +103,18 @@ class Bank:
     def advance(self, dt: Array, before_V: Array, after_V: Array) -> Array:
         """Displacements (m, n) in m after steps dt (n,) s, the voltage straight from before_V to after_V in each."""
         out = np.empty((len(self.W), dt.size))
-        run_all(self.W, self._laws, dt, writeable(before_V), writeable(after_V), out, self._series)
+        before_V, after_V = writeable(before_V), writeable(after_V)
+
+        def run(part: slice) -> None:
+            run_all(self.W[part], self._laws[part], dt, before_V, after_V, out[part], self._series)
+
+        ends = np.linspace(0, len(self.W), min(self.threads, len(self.W)) + 1).astype(int)
+        parts = [slice(a, b) for a, b in pairwise(ends)]
+        if len(parts) < 2 or out.size < _WORTH_THREADS:
+            run(slice(None))
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(run, parts))
         out *= self._stroke
         return np.asarray(out + self._bend[:, None] * out * out if self._bend.any() else out)
 
@@ -141,8 +158,8 @@ class Design:
 
     @classmethod
     def around(cls, model: Model, actuator: Actuator, group: StreamGroup, z: Array, order: int,
-               powers: Array, rng: np.random.Generator) -> Design:
-        """Around draws z (n, d), plants rested; powers (d,): of `Polynomial`."""
+               powers: Array, rng: np.random.Generator, threads: int = 1) -> Design:
+        """Around draws z (n, d), plants rested; powers (d,): of `Polynomial`; threads: of `Bank`."""
         base = base_of(model, (group,), group.specimen)
         assert base is not None
         polynomial = polynomial_around(z, order, powers)
@@ -157,7 +174,7 @@ class Design:
         # points far from where the draws are count less: the polynomial has to hold where it is asked
         weight = np.exp(-0.25 * np.maximum(far / u.shape[1] - 1.5, 0.0))
         features = polynomial.features(u)
-        bank = Bank(model, actuator, np.concatenate([fitted, tests]))
+        bank = Bank(model, actuator, np.concatenate([fitted, tests]), threads)
         return cls(Anchor(base, polynomial), bank, order, _fit(features, weight), features, weight,
                    np.zeros(len(tests)))
 
@@ -218,7 +235,7 @@ class Design:
         passes is kept for it."""
         assert self.history is not None
         new = Design.around(self.bank.model, self.bank.actuator, group, z, self.order,
-                            self.anchor.polynomial.powers, rng)
+                            self.anchor.polynomial.powers, rng, self.bank.threads)
         old_p, new_p = self.anchor.polynomial, new.anchor.polynomial
         points = new.bank.z[rng.integers(0, len(new.bank.z), 4 * new_p.size)]
         points = points + 0.3 * (points[rng.permutation(len(points))] - points)

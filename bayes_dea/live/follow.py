@@ -269,7 +269,8 @@ class CurvedLearner(Learner):
         assert self.mains is not None
         self._sessions.clear()
         self._fresh = False
-        self.design = Design.around(self.model, self.bench.actuator, group, z, order, powers_for(self.model, z), rng)
+        self.design = Design.around(self.model, self.bench.actuator, group, z, order, powers_for(self.model, z), rng,
+                                    self.settings.workers)
         self._width = self.design.size
         recent = []
         for session, rows, masked in self._pieces:

@@ -53,12 +53,14 @@ _KEPT = 100_000
 
 @dataclass(frozen=True)
 class LearnerSettings:
-    """block_s: length of a block in s; longest_s: longest run that the basis has to span."""
+    """block_s: length of a block in s; longest_s: longest run that the basis has to span; workers: threads among which
+    the plants of a model are parted that has to be simulated."""
 
     block_s: float = 0.5
     longest_s: float = 12 * 3600.0
     sequential: SequentialSettings = SequentialSettings()
     monitor: MonitorSettings = MonitorSettings()
+    workers: int = 1
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.block_s) and self.block_s > 0):

@@ -235,3 +235,14 @@ def test_an_earlier_posterior_is_the_prior_of_a_curved_model_too(followed, tmp_p
         p = one.latest[name]
         assert p["sd"] < earlier.latest[name]["sd"], name
         assert abs(p["mean"] - value) < 4 * p["sd"], name
+
+
+@pytest.mark.parametrize("threads", [2, 3, 500])
+def test_plants_give_the_same_numbers_in_any_number_of_threads(threads):
+    model, rng = build_model("yeoh+gm2+series_resistance"), np.random.default_rng(1)
+    z = model.from_prior_coordinates(model.priors.transform(0.3 + 0.4 * rng.random((90, model.dimension))))
+    volts = 500 + 400 * np.sin(0.01 * np.arange(700))
+    alone, parted = Bank(model, ACTUATOR, z), Bank(model, ACTUATOR, z, threads)
+    for block in (volts[:300], volts[300:310], volts[310:]):
+        out = [bank.advance(np.full(block.size, 1e-3), block, block) for bank in (alone, parted)]
+        np.testing.assert_array_equal(*out)
