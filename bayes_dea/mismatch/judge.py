@@ -7,6 +7,7 @@ from typing import Any
 
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
+from .readings.edge_crosstalk import edge_crosstalk
 from .readings.measured_supply import Monitored, monitored
 from .readings.output_play import output_play
 from .readings.own_drifts import OwnDrifts, own_drifts
@@ -88,7 +89,8 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    unlisted = clearest(find(naming, ruling.named, ready.prior) for find in (supply_offset, output_play))
+    physics = (supply_offset, output_play, edge_crosstalk)
+    unlisted = clearest(find(naming, ruling.named, ready.prior) for find in physics)
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)

@@ -1,0 +1,213 @@
+"""A crosstalk of the high voltage into the reading of the sensor: what each change of the command adds to it for some
+milliseconds; physics of no actuator, and on no list of effects.
+
+A mode of the material that fast does nearly the same at an edge of a given height, but goes as the square of the
+voltage. Where a further mode is claimed a crosstalk is weighed in its place, because a descent from one does not lead
+to the other: with the mode gone, the modes of the base have gone to do its work, and stay there. From the middle of
+their priors they find back.
+Equation: y = x + k w, w' = V' - w / tau of the command, a capacitive coupling into a high input (Ott, Electromagnetic
+Compatibility Engineering, 2009, ch. 2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.reduced import Piece
+from ...gauss_newton.refit import Fit, refit
+from ...gauss_newton.whitening import Shared, whiten
+from ...models.supply_kernel import lagged
+from ..search.hypotheses import UNKNOWN
+from ..search.naming import Naming
+from ..search.relabel import FURTHER
+from .unlisted import CLEAR, Claimed, Unlisted
+
+Array = NDArray[np.float64]
+#: time constants (s) that are looked at; the prior is log-uniform from the first to the last
+_TAUS_S = (1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3)
+#: sd (m) of what an edge of `_EDGE_V` adds
+_SIZE_M, _EDGE_V = 10e-6, 1000.0
+#: nats by which it may be behind and be a rival yet
+_RIVAL = 5.0
+#: nats that it has to promise beside what is known, where nothing on the list explains the recordings
+_PROMISES = 20.0
+#: nats behind the best at which a time constant is no neighbour to go on from
+_FAR = 60.0
+
+
+@dataclass(frozen=True)
+class EdgeCrosstalk(Unlisted):
+    """A crosstalk; mean and sd in m for each volt. tau_s: time constant."""
+
+    stage, acts_on, term, unit = "sensor", "edges of the command", "crosstalk of the command", "m/V"
+
+    tau_s: float = 0.0
+
+    def note(self) -> str:
+        """One line on it."""
+        how = "better than any effect on the list" if self.clear else f"about as well as {FURTHER}"
+        return (
+            f"a crosstalk of the high voltage into the sensor, {self._size()} {self._explains} {how}: part the cables "
+            "of supply and sensor, ground their screens, and record a step with the sensor on a target that is fixed"
+        )
+
+    def form(self) -> str:
+        """What it does, in words."""
+        return f"crosstalk of {self._size()}"
+
+    def _size(self) -> str:
+        size, sd = (1e6 * _EDGE_V * x for x in (self.mean, max(self.sd, 5e-12)))
+        return f"{size:.3g} +- {sd:.1g} um for each kV of an edge, gone after some {1e3 * self.tau_s:.2g} ms,"
+
+
+def edge_crosstalk(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
+    """A crosstalk that is likelier than what is named (physics of a verdict), or nearly; else None.
+
+    Looked for in the place of a further mode of the material; where nothing on the list explains the recordings,
+    beside the best explanation as well.
+    """
+    claimed = Claimed.of(naming, named)
+    if claimed is None:
+        return None
+    instead = FURTHER in claimed.effects
+    if not instead and not (named == UNKNOWN and _promise(claimed.weighed.fit) > _PROMISES):
+        return None
+    rest = claimed.without([FURTHER], prior)
+    if rest is None:
+        return None
+    cost = claimed.cost(rest)
+    found = crosstalk_of(rest.fit, naming.none.weighed.fit, prior)
+    if found is None or found.log_evidence + cost < (CLEAR if named == UNKNOWN else -_RIVAL):
+        return None
+    return EdgeCrosstalk(
+        found.mean_m / _EDGE_V, found.sd_m / _EDGE_V, found.log_evidence + cost, found.log_evidence, rest.name,
+        found.tau_s,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Found:
+    """Log evidence of a crosstalk beside a fit, what an edge of `_EDGE_V` adds (m) with its sd, the time constant."""
+
+    log_evidence: float
+    mean_m: float
+    sd_m: float
+    tau_s: float
+
+
+def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
+    """A crosstalk beside a fit, its time constant integrated out.
+
+    base: what has the modes that are begun from the middle of their priors.
+    """
+    fits: dict[float, Fit] = {}
+
+    def fitted(tau_s: float, start: Array) -> None:
+        beside = replace(fit.problem, shared=_shared(fit, tau_s), amplitude_m=_SIZE_M)
+        again = refit(beside, start, prior.start(), prior)
+        if again is not None and (tau_s not in fits or again.log_evidence > fits[tau_s].log_evidence):
+            fits[tau_s] = again
+
+    middle = _from_the_middle(fit, base)
+    for tau_s in _TAUS_S[1::2]:
+        fitted(tau_s, middle)
+    if not fits:
+        return None
+    top = max(fits, key=lambda t: fits[t].log_evidence)
+    at = _TAUS_S.index(top)
+    for tau_s in _TAUS_S[max(0, at - 1) : at + 2]:
+        if tau_s != top:
+            fitted(tau_s, fits[top].q)
+    # between them: the peak of a parabola in the logarithm, and a half of its width on either side
+    for _ in range(2):
+        top = max(fits, key=lambda t: fits[t].log_evidence)
+        peak = _peak({math.log(t): f.log_evidence for t, f in fits.items()})
+        if peak is None:
+            break
+        for x in (peak[0], peak[0] - peak[1], peak[0] + peak[1]):
+            tau_s = min(max(round(math.exp(x), 6), _TAUS_S[0]), _TAUS_S[-1])
+            if tau_s not in fits:
+                fitted(tau_s, fits[top].q)
+    top = max(fits, key=lambda t: fits[t].log_evidence)
+    peak = _peak({math.log(t): f.log_evidence for t, f in fits.items()})
+    width = math.log(_TAUS_S[-1] / _TAUS_S[0])
+    share = math.sqrt(2.0 * math.pi) * peak[1] / width if peak is not None else 1.0 / len(_TAUS_S)
+    mean, sd = _coefficient(fits[top])
+    if peak is not None:
+        # the size goes with the time constant
+        near = sorted((t for t in fits if t != top), key=lambda t: abs(math.log(t / top)))[0]
+        slope = (_coefficient(fits[near])[0] - mean) / math.log(near / top)
+        sd = math.hypot(sd, slope * peak[1])
+    return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top)
+
+
+def _peak(height: dict[float, float]) -> tuple[float, float] | None:
+    """Place and sd of a Gaussian through the three places about the highest; None where it has no peak there."""
+    top = max(height, key=lambda x: height[x])
+    near = sorted(sorted(height, key=lambda x: abs(x - top))[:3])
+    if len(near) < 3 or min(height[x] for x in near) < height[top] - _FAR * 10.0:
+        return None
+    a, b, _ = np.polyfit(np.array(near) - top, np.array([height[x] for x in near]) - height[top], 2)
+    return None if a >= 0.0 else (top - 0.5 * float(b / a), math.sqrt(-0.5 / float(a)))
+
+
+def _from_the_middle(fit: Fit, base: Fit) -> Array:
+    """Coordinates of a fit, those of its base in the middle of their priors."""
+    names, middle = fit.problem.model.priors.names, fit.problem.model.middle()
+    own = [i for i, n in enumerate(names) if n in base.problem.model.priors.names]
+    q = fit.q.copy()
+    q[own] = middle[own]
+    q[len(names) + fit.problem.zero_mean.size :] = 0.0
+    return q
+
+
+def _shared(fit: Fit, tau_s: float) -> Shared:
+    return Shared([crosstalk_column(p, tau_s)[None] for p in fit.problem.pieces])
+
+
+def crosstalk_column(piece: Piece, tau_s: float) -> Array:
+    """What an edge of `_EDGE_V` adds to the block means (nb,) of a recording, over its size."""
+    nodes = piece.nodes
+    if nodes is None:
+        return np.zeros(piece.blocks.n)
+    h, volts, kept = nodes.durations(), nodes.volts, np.empty(nodes.size)
+    lagged(h, nodes.rows(), volts, tau_s, kept)
+    return np.asarray(piece.averaging @ ((volts - kept) / _EDGE_V))
+
+
+def _beside(fit: Fit, shared: Shared) -> tuple[float, Array]:
+    """Products of a shared column with itself, and with residuals and sensitivities (1 + d,), all of them whitened."""
+    problem = fit.problem
+    whitened = [
+        whiten(p, problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise) for i, p in enumerate(problem.pieces)
+    ]
+    among, beside = shared.grams(problem.pieces, whitened, fit.noise)
+    return float(among[0, 0]), np.asarray(beside[0])
+
+
+def _coefficient(fit: Fit) -> tuple[float, float]:
+    """Mean and sd of the coefficient (m) of the column that is shared, all parameters moving along."""
+    assert fit.problem.shared is not None
+    among, beside = _beside(fit, fit.problem.shared)
+    own = among + 1.0 / fit.problem.amplitude_m**2
+    by = beside[1:]
+    # the hessian of the fit has it integrated out
+    whole = fit.hessian + np.outer(by, by) / own
+    left = own - float(by @ np.linalg.solve(whole, by))
+    return float(beside[0] / own), 1.0 / math.sqrt(max(left, 1e-12 * own))
+
+
+def _promise(fit: Fit) -> float:
+    """Nats that it promises beside a fit, whose parameters move along linearly; of the time constants the best."""
+    best = 0.0
+    for tau_s in _TAUS_S:
+        among, beside = _beside(fit, _shared(fit, tau_s))
+        own = among + 1.0 / _SIZE_M**2 - float(beside[1:] @ np.linalg.solve(fit.hessian, beside[1:]))
+        if own > 1e-9 * among:
+            best = max(best, 0.5 * float(beside[0]) ** 2 / own)
+    return best

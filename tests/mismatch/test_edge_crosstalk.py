@@ -1,0 +1,68 @@
+"""A crosstalk of the command into the reading: told as that, and not as a mode of the material that fast."""
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed, problem_of
+
+from bayes_dea.gauss_newton.refit import refit
+from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.readings.edge_crosstalk import _promise, crosstalk_column, crosstalk_of
+from bayes_dea.noise.blocks import block_means
+
+SIZE, TAU_S = -2e-8, 6e-3
+
+
+def crossed(size=SIZE, tau_s=TAU_S):
+    return concealed({"edge_crosstalk": {"crosstalk_m_per_V": size, "tau_crosstalk_s": tau_s}}, scale=0.5)
+
+
+def test_it_is_a_high_pass_of_the_command():
+    """w' = V' - w / tau, row by row, the command of a row acting from the row before it on."""
+    problem, *_ = problem_of(concealed(), "hooke+gm1")
+    for piece in problem.pieces:
+        r = piece.recording
+        w, out = 0.0, np.empty(r.n)
+        for i, (dt, dv) in enumerate(zip(np.diff(r.time_s, prepend=r.time_s[0]),
+                                         np.diff(r.columns["voltage_V"], prepend=r.columns["voltage_V"][0]),
+                                         strict=True)):
+            w = (w + dv) * np.exp(-dt / TAU_S)
+            out[i] = w
+        expected = block_means(out / 1000.0, piece.blocks)
+        np.testing.assert_allclose(crosstalk_column(piece, TAU_S), expected, atol=0.01 * np.abs(expected).max())
+
+
+def test_its_size_is_found_beside_a_base_that_did_its_work():
+    problem, prior, q = problem_of(crossed())
+    base = refit(problem, q, prior.start(), prior)
+    found = crosstalk_of(base, base, prior)
+    assert found.log_evidence > base.log_evidence + 100.0
+    assert abs(found.mean_m / 1000.0 - SIZE) < 4 * found.sd_m / 1000.0 < 0.4 * abs(SIZE)
+    assert found.tau_s == pytest.approx(TAU_S, rel=0.25)
+    assert _promise(base) > 20.0
+
+
+def test_where_there_is_none_nothing_is_promised():
+    problem, prior, q = problem_of(concealed(scale=0.5))
+    base = refit(problem, q, prior.start(), prior)
+    assert _promise(base) < 10.0
+    assert crosstalk_of(base, base, prior).log_evidence < base.log_evidence
+
+
+@pytest.mark.long
+def test_a_crosstalk_is_no_effect_of_the_actuator():
+    s = diagnose(crossed(), "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "unknown"
+    assert s["confidence"] > 0.9
+    (term,) = s["repair"]["terms"]
+    assert abs(term["mean"] - SIZE) < 4 * term["sd"] < 0.4 * abs(SIZE)
+    assert (s["repair"]["stage"], term["unit"]) == ("sensor", "m/V")
+    assert s["statement"].startswith("A crosstalk of the high voltage into the sensor")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tau_s", [4e-3, 0.03])
+def test_a_mode_as_fast_stays_one(tau_s):
+    c = concealed({"extra_relaxation_mode": {"k_x_Pa": 1.5e5, "tau_x_s": tau_s}}, scale=0.3)
+    s = diagnose(c, "hooke+gm2", seed=1).summary
+    assert "crosstalk" not in s["statement"]
+    assert s["verdict"] != "unknown"
