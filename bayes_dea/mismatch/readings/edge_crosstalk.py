@@ -25,13 +25,16 @@ from ...models.supply_kernel import lagged
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.relabel import FURTHER
-from .unlisted import CLEAR, Claimed, Unlisted
+from ..search.weigh import Weighed
+from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
 #: time constants (s) that are looked at; the prior is log-uniform from the first to the last
 _TAUS_S = (1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3)
 #: sd (m) of what an edge of `_EDGE_V` adds
 _SIZE_M, _EDGE_V = 10e-6, 1000.0
+#: what answers an edge for some milliseconds as well
+_ALIKE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 #: nats by which it may be behind and be a rival yet
 _RIVAL = 5.0
 #: nats that it has to promise beside what is known, where nothing on the list explains the recordings
@@ -42,15 +45,16 @@ _FAR = 60.0
 
 @dataclass(frozen=True)
 class EdgeCrosstalk(Unlisted):
-    """A crosstalk; mean and sd in m for each volt. tau_s: time constant."""
+    """A crosstalk; mean and sd in m for each volt. tau_s: time constant (s)."""
 
     stage, acts_on, term, unit = "sensor", "edges of the command", "crosstalk of the command", "m/V"
 
+    instead: str = ""  # of what, on the list
     tau_s: float = 0.0
 
     def note(self) -> str:
         """One line on it."""
-        how = "better than any effect on the list" if self.clear else f"about as well as {FURTHER}"
+        how = "better than any effect on the list" if self.clear else f"about as well as {self.instead}"
         return (
             f"a crosstalk of the high voltage into the sensor, {self._size()} {self._explains} {how}: part the cables "
             "of supply and sensor, ground their screens, and record a step with the sensor on a target that is fixed"
@@ -68,25 +72,32 @@ class EdgeCrosstalk(Unlisted):
 def edge_crosstalk(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
     """A crosstalk that is likelier than what is named (physics of a verdict), or nearly; else None.
 
-    Looked for in the place of a further mode of the material; where nothing on the list explains the recordings,
-    beside the best explanation as well.
+    Looked for in the place of a further mode of the material, or of another memory; where nothing on the list explains
+    the recordings, beside the best explanation as well.
     """
     claimed = Claimed.of(naming, named)
     if claimed is None:
         return None
-    instead = FURTHER in claimed.effects
-    if not instead and not (named == UNKNOWN and _promise(claimed.weighed.fit) > _PROMISES):
-        return None
-    rest = claimed.without([FURTHER], prior)
-    if rest is None:
-        return None
-    cost = claimed.cost(rest)
+    replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in _ALIKE]
+    if not replaced and named == UNKNOWN and _promise(claimed.weighed.fit) > _PROMISES:
+        replaced = [()]
+    out = [
+        _instead(claimed, rest, r, naming, prior) for r in replaced if (rest := claimed.without(r, prior)) is not None
+    ]
+    least = CLEAR if named == UNKNOWN else -_RIVAL
+    return clearest(o for o in out if o is not None and o.lead > least)
+
+
+def _instead(
+    claimed: Claimed, rest: Weighed, replaced: tuple[str, ...], naming: Naming, prior: NoisePrior
+) -> EdgeCrosstalk | None:
+    """A crosstalk beside what stays of a claim."""
     found = crosstalk_of(rest.fit, naming.none.weighed.fit, prior)
-    if found is None or found.log_evidence + cost < (CLEAR if named == UNKNOWN else -_RIVAL):
+    if found is None:
         return None
     return EdgeCrosstalk(
-        found.mean_m / _EDGE_V, found.sd_m / _EDGE_V, found.log_evidence + cost, found.log_evidence, rest.name,
-        found.tau_s,
+        found.mean_m / _EDGE_V, found.sd_m / _EDGE_V, found.log_evidence + claimed.cost(rest), found.log_evidence,
+        rest.name, "+".join(replaced), found.tau_s,
     )  # fmt: skip
 
 
