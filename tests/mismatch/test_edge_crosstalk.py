@@ -6,7 +6,7 @@ from concealed_campaigns import concealed, problem_of
 
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.readings.edge_crosstalk import _promise, crosstalk_column, crosstalk_of
+from bayes_dea.mismatch.readings.edge_crosstalk import _about, _promise, crosstalk_column, crosstalk_of
 from bayes_dea.noise.blocks import block_means
 
 SIZE, TAU_S = -2e-8, 6e-3
@@ -46,6 +46,15 @@ def test_where_there_is_none_nothing_is_promised():
     base = refit(problem, q, prior.start(), prior)
     assert _promise(base) < 10.0
     assert crosstalk_of(base, base, prior).log_evidence < base.log_evidence
+
+
+@pytest.mark.parametrize("slope", [0.0, 1e-9, -1e-9, 1e-3])
+def test_where_nothing_tells_time_constants_apart_they_stay_within_the_prior(slope):
+    height = {t: slope * np.log(t) - 1e-12 * np.log(t) ** 2 for t in (2e-3, 4e-3, 8e-3)}
+    assert all(1e-3 <= t <= 64e-3 for t in _about(height))
+    told = _about({t: -3.0 * np.log(t / 5e-3) ** 2 for t in (2e-3, 4e-3, 8e-3)})
+    assert told[0] == pytest.approx(5e-3, rel=1e-3)
+    assert _about({4e-3: 0.0, 8e-3: -1.0}) == []
 
 
 @pytest.mark.long

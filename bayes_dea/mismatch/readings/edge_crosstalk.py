@@ -39,8 +39,8 @@ _ALIKE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fract
 _RIVAL = 5.0
 #: nats that it has to promise beside what is known, where nothing on the list explains the recordings
 _PROMISES = 20.0
-#: nats behind the best at which a time constant is no neighbour to go on from
-_FAR = 60.0
+#: nats behind the best at which a neighbour says nothing of a peak
+_FAR = 600.0
 
 
 @dataclass(frozen=True)
@@ -134,14 +134,9 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
     for tau_s in _TAUS_S[max(0, at - 1) : at + 2]:
         if tau_s != top:
             fitted(tau_s, fits[top].q)
-    # between them: the peak of a parabola in the logarithm, and a half of its width on either side
     for _ in range(2):
         top = max(fits, key=lambda t: fits[t].log_evidence)
-        peak = _peak({math.log(t): f.log_evidence for t, f in fits.items()})
-        if peak is None:
-            break
-        for x in (peak[0], peak[0] - peak[1], peak[0] + peak[1]):
-            tau_s = min(max(round(math.exp(x), 6), _TAUS_S[0]), _TAUS_S[-1])
+        for tau_s in _about({t: f.log_evidence for t, f in fits.items()}):
             if tau_s not in fits:
                 fitted(tau_s, fits[top].q)
     top = max(fits, key=lambda t: fits[t].log_evidence)
@@ -157,11 +152,21 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
     return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top)
 
 
+def _about(height: dict[float, float]) -> list[float]:
+    """Time constants (s) at the peak of a parabola in their logarithm, and one sd on either side, within the prior."""
+    peak = _peak({math.log(t): h for t, h in height.items()})
+    if peak is None:
+        return []
+    low, high = math.log(_TAUS_S[0]), math.log(_TAUS_S[-1])
+    wanted = (peak[0], peak[0] - peak[1], peak[0] + peak[1])
+    return [round(math.exp(min(max(x, low), high)), 6) for x in wanted]
+
+
 def _peak(height: dict[float, float]) -> tuple[float, float] | None:
     """Place and sd of a Gaussian through the three places about the highest; None where it has no peak there."""
     top = max(height, key=lambda x: height[x])
     near = sorted(sorted(height, key=lambda x: abs(x - top))[:3])
-    if len(near) < 3 or min(height[x] for x in near) < height[top] - _FAR * 10.0:
+    if len(near) < 3 or min(height[x] for x in near) < height[top] - _FAR:
         return None
     a, b, _ = np.polyfit(np.array(near) - top, np.array([height[x] for x in near]) - height[top], 2)
     return None if a >= 0.0 else (top - 0.5 * float(b / a), math.sqrt(-0.5 / float(a)))

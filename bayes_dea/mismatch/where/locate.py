@@ -311,7 +311,7 @@ def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
 
 def _after_edges(since_s: NDArray[np.float64]) -> str | None:
     """A stretch of rows (n,) that has edges of its input in it; None without one. since_s: time since the last edge."""
-    begins = np.flatnonzero(np.diff(since_s, prepend=math.inf) < 0.0)
+    begins = np.flatnonzero(since_s < np.concatenate([[math.inf], since_s[:-1]]))
     begins = begins[since_s[begins] < _AT_AN_EDGE_S]
     if begins.size == 0:
         return None
