@@ -66,6 +66,7 @@ def test_a_crosstalk_is_no_effect_of_the_actuator():
     assert abs(term["mean"] - SIZE) < 4 * term["sd"] < 0.4 * abs(SIZE)
     assert (s["repair"]["stage"], term["unit"]) == ("sensor", "m/V")
     assert s["statement"].startswith("A crosstalk of the high voltage into the sensor")
+    assert not s["repair"]["form"].endswith(",")
 
 
 @pytest.mark.long

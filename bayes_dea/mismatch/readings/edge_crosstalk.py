@@ -24,8 +24,10 @@ from ...gauss_newton.whitening import Shared, whiten
 from ...models.supply_kernel import lagged
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
+from ..search.promising import typical
 from ..search.relabel import FURTHER
 from ..search.weigh import Weighed
+from .one_number import Peak, parabola
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
@@ -56,7 +58,7 @@ class EdgeCrosstalk(Unlisted):
         """One line on it."""
         how = "better than any effect on the list" if self.clear else f"about as well as {self.instead}"
         return (
-            f"a crosstalk of the high voltage into the sensor, {self._size()} {self._explains} {how}: part the cables "
+            f"a crosstalk of the high voltage into the sensor, {self._size()}, {self._explains} {how}: part the cables "
             "of supply and sensor, ground their screens, and record a step with the sensor on a target that is fixed"
         )
 
@@ -66,7 +68,7 @@ class EdgeCrosstalk(Unlisted):
 
     def _size(self) -> str:
         size, sd = (1e6 * _EDGE_V * x for x in (self.mean, max(self.sd, 5e-12)))
-        return f"{size:.3g} +- {sd:.1g} um for each kV of an edge, gone after some {1e3 * self.tau_s:.2g} ms,"
+        return f"{size:.3g} +- {sd:.1g} um for each kV of an edge, gone after some {1e3 * self.tau_s:.2g} ms"
 
 
 def edge_crosstalk(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
@@ -124,7 +126,7 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
         if again is not None and (tau_s not in fits or again.log_evidence > fits[tau_s].log_evidence):
             fits[tau_s] = again
 
-    middle = _from_the_middle(fit, base)
+    middle = typical(fit, base.problem.model)
     for tau_s in _TAUS_S[1::2]:
         fitted(tau_s, middle)
     if not fits:
@@ -142,13 +144,13 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
     top = max(fits, key=lambda t: fits[t].log_evidence)
     peak = _peak({math.log(t): f.log_evidence for t, f in fits.items()})
     width = math.log(_TAUS_S[-1] / _TAUS_S[0])
-    share = math.sqrt(2.0 * math.pi) * peak[1] / width if peak is not None else 1.0 / len(_TAUS_S)
+    share = math.sqrt(2.0 * math.pi) * peak.sd / width if peak is not None else 1.0 / len(_TAUS_S)
     mean, sd = _coefficient(fits[top])
     if peak is not None:
         # the size goes with the time constant
-        near = sorted((t for t in fits if t != top), key=lambda t: abs(math.log(t / top)))[0]
+        near = min((t for t in fits if t != top), key=lambda t: abs(math.log(t / top)))
         slope = (_coefficient(fits[near])[0] - mean) / math.log(near / top)
-        sd = math.hypot(sd, slope * peak[1])
+        sd = math.hypot(sd, slope * peak.sd)
     return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top)
 
 
@@ -158,32 +160,23 @@ def _about(height: dict[float, float]) -> list[float]:
     if peak is None:
         return []
     low, high = math.log(_TAUS_S[0]), math.log(_TAUS_S[-1])
-    wanted = (peak[0], peak[0] - peak[1], peak[0] + peak[1])
+    wanted = (peak.at, peak.at - peak.sd, peak.at + peak.sd)
     return [round(math.exp(min(max(x, low), high)), 6) for x in wanted]
 
 
-def _peak(height: dict[float, float]) -> tuple[float, float] | None:
-    """Place and sd of a Gaussian through the three places about the highest; None where it has no peak there."""
+def _peak(height: dict[float, float]) -> Peak | None:
+    """The peak through the three places about the highest; None where it has no peak there."""
     top = max(height, key=lambda x: height[x])
     near = sorted(sorted(height, key=lambda x: abs(x - top))[:3])
     if len(near) < 3 or min(height[x] for x in near) < height[top] - _FAR:
         return None
-    a, b, _ = np.polyfit(np.array(near) - top, np.array([height[x] for x in near]) - height[top], 2)
-    return None if a >= 0.0 else (top - 0.5 * float(b / a), math.sqrt(-0.5 / float(a)))
+    # from the top, so that the last digits of an evidence count
+    peak = parabola([x - top for x in near], [height[x] - height[top] for x in near])
+    return None if peak is None else replace(peak, at=top + peak.at)
 
 
-def _from_the_middle(fit: Fit, base: Fit) -> Array:
-    """Coordinates of a fit, those of its base in the middle of their priors."""
-    names, middle = fit.problem.model.priors.names, fit.problem.model.middle()
-    own = [i for i, n in enumerate(names) if n in base.problem.model.priors.names]
-    q = fit.q.copy()
-    q[own] = middle[own]
-    q[len(names) + fit.problem.zero_mean.size :] = 0.0
-    return q
-
-
-def _shared(fit: Fit, tau_s: float) -> Shared:
-    return Shared([crosstalk_column(p, tau_s)[None] for p in fit.problem.pieces])
+def _shared(fit: Fit, *taus_s: float) -> Shared:
+    return Shared([np.stack([crosstalk_column(p, t) for t in taus_s]) for p in fit.problem.pieces])
 
 
 def crosstalk_column(piece: Piece, tau_s: float) -> Array:
@@ -196,21 +189,21 @@ def crosstalk_column(piece: Piece, tau_s: float) -> Array:
     return np.asarray(piece.averaging @ ((volts - kept) / _EDGE_V))
 
 
-def _beside(fit: Fit, shared: Shared) -> tuple[float, Array]:
-    """Products of a shared column with itself, and with residuals and sensitivities (1 + d,), all of them whitened."""
+def _beside(fit: Fit, shared: Shared) -> tuple[Array, Array]:
+    """Squares (K,) of shared columns, and their products with residuals and sensitivities (K, 1 + d), all whitened."""
     problem = fit.problem
     whitened = [
         whiten(p, problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise) for i, p in enumerate(problem.pieces)
     ]
     among, beside = shared.grams(problem.pieces, whitened, fit.noise)
-    return float(among[0, 0]), np.asarray(beside[0])
+    return np.diag(among), np.asarray(beside)
 
 
 def _coefficient(fit: Fit) -> tuple[float, float]:
     """Mean and sd of the coefficient (m) of the column that is shared, all parameters moving along."""
     assert fit.problem.shared is not None
-    among, beside = _beside(fit, fit.problem.shared)
-    own = among + 1.0 / fit.problem.amplitude_m**2
+    (square,), (beside,) = _beside(fit, fit.problem.shared)
+    own = float(square) + 1.0 / fit.problem.amplitude_m**2
     by = beside[1:]
     # the hessian of the fit has it integrated out
     whole = fit.hessian + np.outer(by, by) / own
@@ -220,10 +213,8 @@ def _coefficient(fit: Fit) -> tuple[float, float]:
 
 def _promise(fit: Fit) -> float:
     """Nats that it promises beside a fit, whose parameters move along linearly; of the time constants the best."""
-    best = 0.0
-    for tau_s in _TAUS_S:
-        among, beside = _beside(fit, _shared(fit, tau_s))
-        own = among + 1.0 / _SIZE_M**2 - float(beside[1:] @ np.linalg.solve(fit.hessian, beside[1:]))
-        if own > 1e-9 * among:
-            best = max(best, 0.5 * float(beside[0]) ** 2 / own)
-    return best
+    squares, beside = _beside(fit, _shared(fit, *_TAUS_S))
+    by = beside[:, 1:]
+    own = squares + 1.0 / _SIZE_M**2 - np.sum(by * np.linalg.solve(fit.hessian, by.T).T, axis=1)
+    told = own > 1e-9 * squares
+    return float(np.max(0.5 * beside[told, 0] ** 2 / own[told], initial=0.0))

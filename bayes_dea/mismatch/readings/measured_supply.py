@@ -4,9 +4,10 @@ held against it.
 The evidence of two channels is that of the first times that of the second given the first. Beside the displacement
 each hypothesis predicts the measured voltage from the parameters that its effects of the supply have in its fit, with
 their covariance there; the monitor has a gain of its own and, in each recording, an offset, within its stated accuracy.
-Where the best hypothesis leaves more than the stated scatter, or something that is correlated, that much counts as the
-noise of all (a monitor that lags, ripple): then it decides little. Edges of the command are left out, because within
-two rows nobody knows which came first, the reading or the edge.
+Where the best hypothesis leaves more than the stated scatter, or something a little correlated, that much counts as the
+noise of all. Where it leaves far more that is no noise (a monitor that lags, ripple) nothing is decided by it, because
+by what chance that goes with what explanations differ by, nobody knows. Edges of the command are left out: within two
+rows nobody knows which came first, the reading or the edge.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ _JUMP_SDS, _JUMP_SHARE, _BESIDE_ROWS = 20.0, 0.05, 2
 _LEAST = 50
 #: step of a derivative in sds of the parameters, and rounds of Gauss-Newton with the move in sds that ends them
 _STEP, _ROUNDS, _STILL = 0.1, 8, 0.02
-#: correlation of neighbours beyond which no more is taken off
-_LARGEST_RHO = 0.999
+#: correlation of neighbours beyond which no more is taken off, and the standard errors of one that comes by chance
+_LARGEST_RHO, _BY_CHANCE = 0.999, 3.0
 #: nats by which explanations differ for that to be said, and for one to be called the nearest; and times the stated
 #: scatter that is more than that
 _WORTH, _CLEAR, _BEYOND = 1.0, 3.0, 1.5
@@ -58,13 +59,13 @@ class Monitored:
 
     def note(self) -> str:
         """One line on what the measured voltage says."""
-        where = f"measured_voltage_V ({len(self.recordings)} recording{'s' if len(self.recordings) > 1 else ''})"
+        where = f"the measured voltage ({len(self.recordings)} recording{'s' if len(self.recordings) > 1 else ''})"
         how = " and ".join(self.best) if self.best else "a supply that does what it is told"
         within = f"to {self.rms_V:.2g} V RMS (stated: {self.stated_V:.2g} V)"
         if self.rms_V > _BEYOND * self.stated_V:
             return (
-                f"{where}: {how} is the nearest to it, {within}; what the supply or its monitor does beside that is on "
-                "no list, so that it decides less between explanations"
+                f"{where}: {how} is the nearest to it, {within}; what the supply or its monitor does beside that is no "
+                f"noise that was stated: {'less is' if any(self.nats.values()) else 'nothing is'} decided by it"
             )
         ruled = min(self.nats.values(), default=0.0) < -_WORTH
         decides = "; explanations were held against that" if ruled else ""
@@ -73,7 +74,7 @@ class Monitored:
 
 @dataclass(frozen=True)
 class _Reading:
-    """Measured voltages (n,) at some nodes of a recording; shift: rows by which they are read late."""
+    """Measured voltages (n,) at the nodes of a recording that are kept (n,)."""
 
     piece: Piece
     nodes: Nodes
@@ -90,7 +91,6 @@ class _Predicted:
     gram: Array
     product: Array
     square: float
-    n: int
 
     def value(self, variance: float) -> float:
         """Log evidence at the noise's variance (V^2), up to what all hypotheses share."""
@@ -135,7 +135,8 @@ def _read_with(
     value = predicted[best][0].value(variance)
     left = _left(predicted[best], readings, variance)
     rms = math.sqrt(float(np.mean(np.concatenate(left) ** 2)))
-    grown = max(rms, scatter) ** 2 * _inflation(left)
+    rho = _correlation(left)
+    grown = max(rms, scatter) ** 2 * (1.0 + rho) / (1.0 - rho)
     if grown > variance:
         predicted = _predictions(readings, fits, sds, grown)
     values = {k: p.value(grown) for k, (p, _) in predicted.items()}
@@ -144,7 +145,9 @@ def _read_with(
     best = NONE if values[NONE] > top - _CLEAR else max(values, key=lambda k: values[k])
     told = tuple(e for e in fits[best].problem.model.spec.effects if e in _of_the_supply())
     names = tuple(r.piece.name for r in readings)
-    return value, Monitored({k: v - top for k, v in values.items()}, names, rms, scatter, told)
+    strange = rms > _BEYOND * scatter and rho > _BY_CHANCE / math.sqrt(n)
+    nats = {k: 0.0 if strange else v - top for k, v in values.items()}
+    return value, Monitored(nats, names, rms, scatter, told)
 
 
 def _of_the_supply() -> frozenset[str]:
@@ -174,15 +177,14 @@ def _predictions(
     readings: Sequence[_Reading], fits: Mapping[str, Fit], sds: tuple[float, float], variance: float
 ) -> dict[str, tuple[_Predicted, list[Array]]]:
     """For every hypothesis what it predicts, and its residuals with the columns (n, 1 + k) of each recording."""
+    supply, of_fit = _of_the_supply(), {}
     out: dict[str, tuple[_Predicted, list[Array]]] = {}
-    plain: tuple[_Predicted, list[Array]] | None = None
     for name, fit in fits.items():
-        if not _of_the_supply().intersection(fit.problem.model.spec.effects):
-            plain = plain or _predicted(readings, fit, sds, variance)
-            out[name] = plain
-        else:
-            known = next((out[k] for k, f in fits.items() if f is fit and k in out), None)
-            out[name] = known or _predicted(readings, fit, sds, variance)
+        # all that leave the supply alone predict the command
+        key = id(fit) if supply.intersection(fit.problem.model.spec.effects) else None
+        if key not in of_fit:
+            of_fit[key] = _predicted(readings, fit, sds, variance)
+        out[name] = of_fit[key]
     return out
 
 
@@ -239,7 +241,7 @@ def _table(
 
 def _joined(tables: Sequence[Array]) -> _Predicted:
     inner = np.sum([t.T @ t for t in tables], axis=0)
-    return _Predicted(inner[1:, 1:], inner[1:, 0], float(inner[0, 0]), sum(len(t) for t in tables))
+    return _Predicted(inner[1:, 1:], inner[1:, 0], float(inner[0, 0]))
 
 
 def _positive(covariance: Array) -> Array:
@@ -255,9 +257,8 @@ def _left(found: tuple[_Predicted, list[Array]], readings: Sequence[_Reading], v
     return [t[:, 0] - t[:, 1:] @ x for t in tables]
 
 
-def _inflation(left: Sequence[Array]) -> float:
-    """By how much correlation of neighbours makes a variance count more: (1 + rho)/(1 - rho)."""
+def _correlation(left: Sequence[Array]) -> float:
+    """Of neighbours, none below zero."""
     square = sum(float(e @ e) for e in left)
     rho = sum(float(e[1:] @ e[:-1]) for e in left) / square if square > 0.0 else 0.0
-    rho = min(max(rho, 0.0), _LARGEST_RHO)
-    return (1.0 + rho) / (1.0 - rho)
+    return min(max(rho, 0.0), _LARGEST_RHO)

@@ -56,7 +56,7 @@ def highest(
     for _ in range(2):
         order = sorted(fits)
         k = min(max(order.index(top), 1), len(order) - 2)
-        peak = _parabola(order[k - 1 : k + 2], list(map(at, order[k - 1 : k + 2])))
+        peak = parabola(order[k - 1 : k + 2], list(map(at, order[k - 1 : k + 2])))
         if peak is None:
             return None
         middle = min(max(peak.at, 0.0), largest)
@@ -66,11 +66,11 @@ def highest(
             at(round(max(x, 0.0), digits))
         top = max(fits, key=at)
     near = sorted(sorted(fits, key=lambda v: abs(v - top))[:3])
-    return _parabola(near, list(map(at, near)))
+    return parabola(near, list(map(at, near)))
 
 
-def _parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:
-    """The peak of a parabola through three places; None where it opens upwards."""
+def parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:
+    """The peak of a parabola through three places; None where it opens upwards, or nothing is known of one of them."""
     if not np.isfinite(height).all():
         return None
     # places of order one, so that the fit of micrometres is no worse than that of volts

@@ -23,6 +23,8 @@ from .weigh import Weighed
 
 Array = NDArray[np.float64]
 
+#: nats behind at which a probability is zero in floating point
+_UNDERFLOW = -700.0
 #: probability from which on it matters which of its modes a hypothesis calls the further one
 WORTH_LABELLING = 0.01
 #: probability that a mismatch is nothing where a scan refutes the explanation just so
@@ -159,9 +161,13 @@ def beside_another_channel(naming: Naming, nats: Mapping[str, float]) -> Naming:
     added = {k: nats.get(k, 0.0) for k in naming.log_weight}
     weight = {k: w + added[k] for k, w in naming.log_weight.items()}
     top = max(naming.log_weight.values())
-    # a probability that adequacy has had its say in stays that; none, of what is far behind, is what that leaves
-    p = {k: naming.probability.get(k, 0.0) for k in naming.log_weight}
-    log_p = {k: (math.log(p[k]) if p[k] > 0.0 else w - top) + added[k] for k, w in naming.log_weight.items()}
+
+    def log_p_of(name: str) -> float:
+        """Of a probability that adequacy has had its say in; what is too far behind for one is where it is."""
+        p, behind = naming.probability.get(name, 0.0), naming.log_weight[name] - top
+        return math.log(p) if p > 0.0 else behind if behind < _UNDERFLOW else -math.inf
+
+    log_p = {k: log_p_of(k) + added[k] for k in naming.log_weight}
     total = float(logsumexp(list(log_p.values())))
     return replace(
         naming,

@@ -73,11 +73,13 @@ def too_dear(effects: Sequence[str]) -> bool:
     return dear > 1 or (dear == 1 and bool(CHARGES.intersection(effects)))
 
 
-def typical(base: Fit) -> Array:
-    """Coordinates (d,) in the middle of the priors of the model, the rest as in a fit."""
+def typical(base: Fit, of: Model | None = None) -> Array:
+    """Coordinates (d,) in the middle of the priors of the model, the rest as in a fit. of: whose parameters alone."""
     q = base.q.copy()
     model = base.problem.model
-    q[: model.dimension] = model.middle()
+    names = (of or model).priors.names
+    own = [i for i, n in enumerate(model.priors.names) if n in names]
+    q[own] = model.middle()[own]
     return q
 
 
