@@ -113,6 +113,7 @@ def odd_one_out(
         if others is None or _chi2(others) > _TOO_LARGE or not is_adequate(others, rng):
             continue
         ratio, se = _ratio(others, pieces[i])
+        se = math.hypot(se, _size_unknown(others, pieces[i]))
         if not _another(ratio, se):
             continue
         # alone it may have any modulus: it starts from where its size lies
@@ -183,6 +184,23 @@ def _sizes(fit: Fit, pieces: list[Piece], tell: Tell = silence) -> list[float]:
         (x,) = replace(fit.problem, pieces=(p,)).rows(fit.q)
         out.append(offset_and_gain(p, x)[1][0] / (1.0 + float(gains[p.group])))
     return out
+
+
+def _size_unknown(fit: Fit, piece: Piece) -> float:
+    """Relative sd of the size of a piece that a fit to other recordings predicts, by its posterior.
+
+    Plateaus may be read by modes that no wave has moved: what those lead to expect of them is hardly known.
+    """
+    problem = replace(fit.problem, pieces=(piece,))
+    clean = problem.clean(fit.q)
+    if not np.isfinite(clean[0]).all():
+        return math.inf
+    slopes, count = problem.jacobian(fit.q, clean)[0], piece.blocks.count
+    x = clean[0] - np.average(clean[0], weights=count)
+    # an offset is its own, so that the shape alone tells a size
+    by_q = np.concatenate([slopes @ (count * x) / float(count @ x**2), np.zeros(problem.gain_sd.size)])
+    by_q[problem.dimension - problem.gain_sd.size + piece.group] = 1.0
+    return math.sqrt(max(float(by_q @ fit.covariance @ by_q), 0.0))
 
 
 def _spread(found: list[float]) -> float:
@@ -257,8 +275,11 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
     found = _sizes(fit, [*used, *unseen], tell)
     se = _spread(found[: len(used)])
     for piece, ratio in zip(unseen, found[len(used) :], strict=True):
-        if abs(ratio - 1.0) > max(DIFFERENT, _SIGMAS_UNSEEN * se):
-            out.append(Foreign(piece.name, ratio, se, _a_factor_is_all(fit, piece)))
+        if abs(ratio - 1.0) <= max(DIFFERENT, _SIGMAS_UNSEEN * se):
+            continue
+        both = math.hypot(se, _size_unknown(fit, piece))
+        if abs(ratio - 1.0) > _SIGMAS_UNSEEN * both:
+            out.append(Foreign(piece.name, ratio, both, _a_factor_is_all(fit, piece)))
     return out
 
 

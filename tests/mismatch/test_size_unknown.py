@@ -1,0 +1,83 @@
+"""How well the size of a recording is known that no fit has seen: by the posterior, not by what others scatter by."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from concealed_campaigns import concealed
+
+from bayes_dea.find_map import MapSettings
+from bayes_dea.gauss_newton.journal import Journal
+from bayes_dea.mismatch.laps import Laps
+from bayes_dea.mismatch.prepare import prepared
+from bayes_dea.mismatch.readings.own_gains import DIFFERENT
+from bayes_dea.mismatch.readings.reread import _size_unknown, _sizes, held_out_gains
+from bayes_dea.models.model import build_model
+
+_CLOSE = 0.02
+
+
+def fitted(validate):
+    """The base of a campaign of nothing but the model, some recordings of which are to validate; all its pieces."""
+    campaign = concealed(validate=False)
+    roles = ["validate" if r.name.startswith(validate) else "identify" for r in campaign.recordings]
+    campaign = replace(campaign, recordings=tuple(
+        replace(r, role=role) for r, role in zip(campaign.recordings, roles, strict=True)))
+    ready = prepared(campaign, build_model("hooke+gm3"), MapSettings(), 1, np.random.default_rng(1), Journal(None),
+                     lambda *_: None, Laps())  # fmt: skip
+    return ready.seen.base, ready.seen.pieces
+
+
+@pytest.fixture(scope="module")
+def by_waves():
+    """Fitted without any plateau longer than a few seconds."""
+    return fitted("creep")
+
+
+def size_by_draws(fit, piece, n=300):
+    """Relative sd of the size of a piece over draws of the posterior, each compared with the middle one."""
+    problem = replace(fit.problem, pieces=(piece,))
+    # close by, where the logs are straight and no prior ends
+    draws = fit.q + _CLOSE * np.random.default_rng(5).multivariate_normal(0.0 * fit.q, fit.covariance, size=n)
+    weight = piece.blocks.count / piece.blocks.count.sum()
+
+    def seen(q):
+        (x,) = problem.clean(q)
+        return (x - weight @ x) * (1.0 + problem.beside(q)[1][piece.group])
+
+    middle = seen(fit.q)
+    sizes = [seen(q) @ (weight * middle) / (middle @ (weight * middle)) for q in draws]
+    return np.std(sizes) / _CLOSE
+
+
+def test_it_is_what_draws_of_the_posterior_scatter_by(by_waves):
+    fit, pieces = by_waves
+    for piece in pieces:
+        if piece.name.startswith("creep") or piece is pieces[-1]:
+            assert _size_unknown(fit, piece) == pytest.approx(size_by_draws(fit, piece), rel=0.15)
+
+
+def test_plateaus_that_no_wave_foretells_belong_to_no_other_actuator(by_waves):
+    fit, pieces = by_waves
+    held = tuple(p for p in pieces if p.name.startswith("creep"))
+    assert all(_size_unknown(fit, p) > 0.005 for p in held)
+    # as far along what the waves leave open (how far the slow modes go) as happens once in four hundred times
+    chosen = fit.problem.names.index("log c_2")
+    moved = fit.q + 3.0 * fit.covariance[:, chosen] / np.sqrt(fit.covariance[chosen, chosen])
+    elsewhere = replace(fit, q=moved)
+    sizes = _sizes(elsewhere, list(pieces))
+    assert all(abs(size - 1.0) > DIFFERENT for size, p in zip(sizes, pieces, strict=True) if p in held)
+    assert 8.0 * np.std([size for size, p in zip(sizes, pieces, strict=True) if p not in held], ddof=1) < DIFFERENT
+    assert held_out_gains(elsewhere, held) == []
+
+
+def test_after_plateaus_one_that_is_five_per_cent_too_large_does():
+    fit, pieces = fitted("creep_1")
+    held = tuple(p for p in pieces if p.name.startswith("creep_1"))
+    assert all(_size_unknown(fit, p) < 0.003 for p in held)
+    large = tuple(replace(p, prepared=replace(p.prepared, y=1.05 * p.prepared.y)) for p in held)
+    assert held_out_gains(fit, held) == []
+    found = held_out_gains(fit, large)
+    assert [f.recording for f in found] == [p.name for p in held]
+    for f in found:
+        assert f.ratio == pytest.approx(1.05, abs=0.004)
