@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from concealed_campaigns import concealed
+from scipy.signal import lfilter
 
 from bayes_dea.find_map import MapSettings
 from bayes_dea.gauss_newton.journal import Journal
 from bayes_dea.mismatch.laps import Laps
 from bayes_dea.mismatch.prepare import prepared
 from bayes_dea.mismatch.readings.own_gains import DIFFERENT
-from bayes_dea.mismatch.readings.reread import _size_unknown, _sizes, held_out_gains
+from bayes_dea.mismatch.readings.reread import _size_foretold, _size_read, _sizes, held_out_gains
 from bayes_dea.models.model import build_model
 
 _CLOSE = 0.02
@@ -54,13 +55,13 @@ def test_it_is_what_draws_of_the_posterior_scatter_by(by_waves):
     fit, pieces = by_waves
     for piece in pieces:
         if piece.name.startswith("creep") or piece is pieces[-1]:
-            assert _size_unknown(fit, piece) == pytest.approx(size_by_draws(fit, piece), rel=0.15)
+            assert _size_foretold(fit, piece) == pytest.approx(size_by_draws(fit, piece), rel=0.15)
 
 
 def test_plateaus_that_no_wave_foretells_belong_to_no_other_actuator(by_waves):
     fit, pieces = by_waves
     held = tuple(p for p in pieces if p.name.startswith("creep"))
-    assert all(_size_unknown(fit, p) > 0.005 for p in held)
+    assert all(_size_foretold(fit, p) > 0.005 for p in held)
     # as far along what the waves leave open (how far the slow modes go) as happens once in four hundred times
     chosen = fit.problem.names.index("log c_2")
     moved = fit.q + 3.0 * fit.covariance[:, chosen] / np.sqrt(fit.covariance[chosen, chosen])
@@ -71,13 +72,31 @@ def test_plateaus_that_no_wave_foretells_belong_to_no_other_actuator(by_waves):
     assert held_out_gains(elsewhere, held) == []
 
 
+def test_what_a_recording_shows_of_its_size_is_as_sure_as_its_noise_allows(by_waves):
+    """Sizes of one recording over draws of its noise scatter as said."""
+    fit, pieces = by_waves
+    piece = next(p for p in pieces if not p.name.startswith("creep"))
+    (x,) = replace(fit.problem, pieces=(piece,)).rows(fit.q)
+    sigma, rho = fit.noise.of(piece)
+    rng, found = np.random.default_rng(3), []
+    for _ in range(60):
+        white = sigma * np.sqrt(1.0 - rho**2) * rng.standard_normal(x.size + 100)
+        y = x + lfilter([1.0], [1.0, -rho], white)[100:]
+        found.append(_sizes(fit, [replace(piece, prepared=replace(piece.prepared, y=y))])[0])
+    assert np.std(found, ddof=1) == pytest.approx(_size_read(fit, piece), rel=0.25)  # of sixty, 2.7 sds
+
+
 def test_after_plateaus_one_that_is_five_per_cent_too_large_does():
     fit, pieces = fitted("creep_1")
     held = tuple(p for p in pieces if p.name.startswith("creep_1"))
-    assert all(_size_unknown(fit, p) < 0.003 for p in held)
+    assert all(_size_foretold(fit, p) < 0.003 for p in held)
     large = tuple(replace(p, prepared=replace(p.prepared, y=1.05 * p.prepared.y)) for p in held)
     assert held_out_gains(fit, held) == []
     found = held_out_gains(fit, large)
     assert [f.recording for f in found] == [p.name for p in held]
     for f in found:
         assert f.ratio == pytest.approx(1.05, abs=0.004)
+    # where the readings scatter so much that a twentieth may be chance, as at a low voltage, none does
+    loud = replace(fit, noise=replace(fit.noise, sigma={k: 40.0 * v for k, v in fit.noise.sigma.items()}))
+    assert all(_size_read(loud, p) > 0.05 / 8.0 for p in held)
+    assert held_out_gains(loud, large) == []

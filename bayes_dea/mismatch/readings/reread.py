@@ -18,6 +18,7 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece, renoded
 from ...gauss_newton.refit import Fit, inverse, refit
+from ...gauss_newton.whitening import whiten
 from ..telling import Tell, silence
 from ..where.locate import is_adequate
 from .own_gains import DIFFERENT
@@ -113,7 +114,7 @@ def odd_one_out(
         if others is None or _chi2(others) > _TOO_LARGE or not is_adequate(others, rng):
             continue
         ratio, se = _ratio(others, pieces[i])
-        se = math.hypot(se, _size_unknown(others, pieces[i]))
+        se = math.hypot(se, _size_foretold(others, pieces[i]), _size_read(others, pieces[i]))
         if not _another(ratio, se):
             continue
         # alone it may have any modulus: it starts from where its size lies
@@ -186,8 +187,8 @@ def _sizes(fit: Fit, pieces: list[Piece], tell: Tell = silence) -> list[float]:
     return out
 
 
-def _size_unknown(fit: Fit, piece: Piece) -> float:
-    """Relative sd of the size of a piece that a fit to other recordings predicts, by its posterior.
+def _size_foretold(fit: Fit, piece: Piece) -> float:
+    """Relative sd of the size of a piece that a fit to other recordings foretells, by its posterior.
 
     Plateaus may be read by modes that no wave has moved: what those lead to expect of them is hardly known.
     """
@@ -201,6 +202,13 @@ def _size_unknown(fit: Fit, piece: Piece) -> float:
     by_q = np.concatenate([slopes @ (count * x) / float(count @ x**2), np.zeros(problem.gain_sd.size)])
     by_q[problem.dimension - problem.gain_sd.size + piece.group] = 1.0
     return math.sqrt(max(float(by_q @ fit.covariance @ by_q), 0.0))
+
+
+def _size_read(fit: Fit, piece: Piece) -> float:
+    """Relative sd of the size of a piece as its readings show it, by their noise: at a low voltage it is large."""
+    (x,) = replace(fit.problem, pieces=(piece,)).clean(fit.q)
+    told = float(whiten(piece, x[None], fit.noise).gram()[0, 0])
+    return 1.0 / math.sqrt(told) if told > 0.0 else math.inf
 
 
 def _spread(found: list[float]) -> float:
@@ -277,9 +285,9 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
     for piece, ratio in zip(unseen, found[len(used) :], strict=True):
         if abs(ratio - 1.0) <= max(DIFFERENT, _SIGMAS_UNSEEN * se):
             continue
-        both = math.hypot(se, _size_unknown(fit, piece))
-        if abs(ratio - 1.0) > _SIGMAS_UNSEEN * both:
-            out.append(Foreign(piece.name, ratio, both, _a_factor_is_all(fit, piece)))
+        own = math.hypot(se, _size_foretold(fit, piece), _size_read(fit, piece))
+        if abs(ratio - 1.0) > _SIGMAS_UNSEEN * own:
+            out.append(Foreign(piece.name, ratio, own, _a_factor_is_all(fit, piece)))
     return out
 
 
