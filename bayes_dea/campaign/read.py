@@ -62,19 +62,20 @@ def load_campaign(paths: Path | str | Sequence[Path | str], data_root: Path | st
     documents = [read_document(toml, free_kinds) for toml in tomls]
     room = Scratch(scratch)
     loaded = [_load_all(document, root, report, room) for document in documents]
+    prefixes = _prefixes(documents)
     if len(documents) == 1:
-        return _campaign(documents[0], loaded[0], [], documents)
-    merged, notes = _merge(documents, loaded)
-    return _campaign(documents[0], merged, notes, documents)
+        return _campaign(loaded[0], [], documents, prefixes)
+    merged, notes = _merge(documents, prefixes, loaded)
+    return _campaign(merged, notes, documents, prefixes)
 
 
-def _campaign(first: Document, loaded: Sequence[_Loaded], notes: list[str],
-              documents: Sequence[Document]) -> Campaign:
-    several = len(documents) > 1
+def _campaign(loaded: Sequence[_Loaded], notes: list[str], documents: Sequence[Document],
+              prefixes: Sequence[str]) -> Campaign:
+    first, several = documents[0], len(documents) > 1
     sensors, sensor_notes = _merge_sensors(documents)
     meta = {d.name: dict(d.meta) for d in documents if d.meta} if several else first.meta
     inputs = [_input(f"{prefix}/{d.path.name}" if several else d.path.name, d.path)
-              for d, prefix in zip(documents, _prefixes(documents), strict=True)]
+              for d, prefix in zip(documents, prefixes, strict=True)]
     return campaign_from_recordings(
         [entry.recording for entry in loaded], sensors, first.actuator,
         name=" + ".join(dict.fromkeys(d.name for d in documents)),
@@ -137,13 +138,12 @@ def _input(name: str, path: Path) -> dict[str, Any]:
 # -- several folders ----------------------------------------------------------------------------------------
 
 
-def _merge(documents: Sequence[Document],
+def _merge(documents: Sequence[Document], prefixes: Sequence[str],
            loaded: Sequence[Sequence[_Loaded]]) -> tuple[list[_Loaded], list[str]]:
     """All recordings, with specimens and names of their own; notes say what was renamed."""
     _refuse_differing_conventions(documents)
     notes: list[str] = []
     taken: set[str] = set()
-    prefixes = _prefixes(documents)
     names = [entry.recording.name for entries in loaded for entry in entries]
     merged: list[_Loaded] = []
     for document, prefix, entries in zip(documents, prefixes, loaded, strict=True):

@@ -8,6 +8,7 @@ from typing import Any
 from ..gauss_newton.refit import Fit
 from .prepare import Prepared
 from .readings.edge_crosstalk import edge_crosstalk
+from .readings.holder_resonance import holder_resonance
 from .readings.measured_supply import Monitored, monitored
 from .readings.output_play import output_play
 from .readings.own_drifts import OwnDrifts, own_drifts
@@ -22,6 +23,7 @@ from .readings.unlisted import Unlisted, clearest
 from .search.hypotheses import DELAY, NONE, UNKNOWN
 from .search.naming import Explanation, Naming, beside_another_channel
 from .search.phase import sample_step_s
+from .search.weigh import Weighed
 from .timing import timing_note
 from .unknown import Terms, repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
@@ -90,7 +92,11 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
     physics = (supply_offset, output_play, edge_crosstalk)
-    unlisted = clearest(find(naming, ruling.named, ready.prior) for find in physics)
+    nothing = _nothing_claimed(naming, ruling)
+    unlisted = clearest(
+        [*(find(naming, ruling.named, ready.prior) for find in physics),
+         holder_resonance(naming, ruling.named, ready.prior, nothing)]
+    )  # fmt: skip
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)
@@ -133,6 +139,14 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         terms=terms,
         monitor=monitor,
     )
+
+
+def _nothing_claimed(naming: Naming, ruling: Ruling) -> Weighed | None:
+    """What the recordings follow where no physics is claimed, with a shift below a sample; None where some is, or
+    where what is known of the readings leaves no fit to be trusted."""
+    if ruling.verdict != NONE or (not naming.none.adequate and NONE not in ruling.delays_s):
+        return None
+    return naming.weighed[DELAY] if NONE in ruling.delays_s else naming.none.weighed
 
 
 def _without_drift(naming: Naming) -> tuple[Fit, str]:

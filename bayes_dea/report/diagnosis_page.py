@@ -69,6 +69,7 @@ def write_diagnosis_page(folder: Path, report: Callable[[float, float, str], Non
         s=summary,
         statement=digits.page_text(summary["statement"]),
         warnings=[digits.page_text(w) for w in not_said(summary)],
+        form=digits.page_text(summary.get("repair", {}).get("form", "")),
         ask=_asked(summary),
         p_value=_p_value(summary["mismatch"]["p_value"]),
         origin=origin,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit, refit
-from ...gauss_newton.whitening import Shared, whiten
+from ...gauss_newton.whitening import Shared
 from ...models.supply_kernel import lagged
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
@@ -28,6 +28,7 @@ from ..search.promising import typical
 from ..search.relabel import FURTHER
 from ..search.weigh import Weighed
 from .one_number import Peak, parabola
+from .shared_column import coefficient, left
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
@@ -145,11 +146,11 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
     peak = _peak({math.log(t): f.log_evidence for t, f in fits.items()})
     width = math.log(_TAUS_S[-1] / _TAUS_S[0])
     share = math.sqrt(2.0 * math.pi) * peak.sd / width if peak is not None else 1.0 / len(_TAUS_S)
-    mean, sd = _coefficient(fits[top])
+    mean, sd = coefficient(fits[top])
     if peak is not None:
         # the size goes with the time constant
         near = min((t for t in fits if t != top), key=lambda t: abs(math.log(t / top)))
-        slope = (_coefficient(fits[near])[0] - mean) / math.log(near / top)
+        slope = (coefficient(fits[near])[0] - mean) / math.log(near / top)
         sd = math.hypot(sd, slope * peak.sd)
     return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top)
 
@@ -189,32 +190,8 @@ def crosstalk_column(piece: Piece, tau_s: float) -> Array:
     return np.asarray(piece.averaging @ ((volts - kept) / _EDGE_V))
 
 
-def _beside(fit: Fit, shared: Shared) -> tuple[Array, Array]:
-    """Squares (K,) of shared columns, and their products with residuals and sensitivities (K, 1 + d), all whitened."""
-    problem = fit.problem
-    whitened = [
-        whiten(p, problem.columns(i, fit.q, fit.clean, fit.slopes), fit.noise) for i, p in enumerate(problem.pieces)
-    ]
-    among, beside = shared.grams(problem.pieces, whitened, fit.noise)
-    return np.diag(among), np.asarray(beside)
-
-
-def _coefficient(fit: Fit) -> tuple[float, float]:
-    """Mean and sd of the coefficient (m) of the column that is shared, all parameters moving along."""
-    assert fit.problem.shared is not None
-    (square,), (beside,) = _beside(fit, fit.problem.shared)
-    own = float(square) + 1.0 / fit.problem.amplitude_m**2
-    by = beside[1:]
-    # the hessian of the fit has it integrated out
-    whole = fit.hessian + np.outer(by, by) / own
-    left = own - float(by @ np.linalg.solve(whole, by))
-    return float(beside[0] / own), 1.0 / math.sqrt(max(left, 1e-12 * own))
-
-
 def _promise(fit: Fit) -> float:
     """Nats that it promises beside a fit, whose parameters move along linearly; of the time constants the best."""
-    squares, beside = _beside(fit, _shared(fit, *_TAUS_S))
-    by = beside[:, 1:]
-    own = squares + 1.0 / _SIZE_M**2 - np.sum(by * np.linalg.solve(fit.hessian, by.T).T, axis=1)
-    told = own > 1e-9 * squares
-    return float(np.max(0.5 * beside[told, 0] ** 2 / own[told], initial=0.0))
+    own, beside = left(fit, _shared(fit, *_TAUS_S))
+    told = np.isfinite(own)
+    return float(np.max(0.5 * beside[told] ** 2 / (own[told] + 1.0 / _SIZE_M**2), initial=0.0))

@@ -18,7 +18,7 @@ from ..search.relabel import within
 from ..search.weigh import Weighed
 
 #: prior probability of one worth a word, and nats by which it has to lead what was named
-_PRIOR, CLEAR = 0.01, 3.0
+PRIOR, CLEAR = 0.01, 3.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Claimed:
 
     def cost(self, rest: Weighed) -> float:
         """Log prior odds of something unlisted beside what stays, less the weight of what is named."""
-        return math.log(prior_odds().of(len(rest.effects), self.singles) * _PRIOR) - self.weight
+        return math.log(prior_odds().of(len(rest.effects), self.singles) * PRIOR) - self.weight
 
 
 def clearest(found: Iterable[Unlisted | None]) -> Unlisted | None:
