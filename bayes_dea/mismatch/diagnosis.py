@@ -77,7 +77,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     #: whether every recording has a gain of its own
     loose: bool = False
-    #: recordings to validate that a factor alone sets apart
+    #: recordings to validate of another actuator, where nothing changes within any of those that differ in size
     foreign: tuple[str, ...] = ()
     #: the same with its parameters sampled, where that was put off
     sampled: Callable[[], Diagnosis] | None = field(default=None, repr=False, compare=False)
@@ -210,7 +210,7 @@ def _once(
     if ruling.verdict != UNKNOWN and found.gains is None:
         held = tuple(p for p in scored if not p.identify)
         held = held if ready.limit is None else beyond_reach(held, ready.limit, corrected)
-        foreign = held_out_gains(corrected, held, lambda *at: say("comparing sizes", *at))
+        foreign = held_out_gains(corrected, held, ready.prior, r_look, lambda *at: say("comparing sizes", *at))
         rest = [h for h in proved if h.recording not in {f.recording for f in foreign}]
         notes += [f"{f.note()}. {_TOLD_WITHOUT_IT}" if rest else f.note() for f in foreign]
         proved = rest or proved
@@ -240,7 +240,8 @@ def _once(
         summary["seconds_by"] = lap.seconds
         said = (*seen.notes, *([] if found.gains is None else [found.gains.note()]), *found.timing())
         p_value = None if against is None else against.p_value
-        apart = tuple(f.recording for f in foreign if f.alone)
+        # what changes within one says more than that the others are of another actuator
+        apart = tuple(f.recording for f in foreign) if all(f.alone for f in foreign) else ()
         return Diagnosis(
             assembled, base, corrected, naming, proved, found.looks, summary, p_value, said, seen.loose, apart
         )

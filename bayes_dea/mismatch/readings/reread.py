@@ -117,14 +117,23 @@ def odd_one_out(
         se = math.hypot(se, _size_foretold(others, pieces[i]), _size_read(others, pieces[i]))
         if not _another(ratio, se):
             continue
-        # alone it may have any modulus: it starts from where its size lies
-        alone = refit(replace(fit.problem, pieces=(pieces[i],)), _scaled(others, ratio), prior.start(), prior)
-        if alone is None or not is_adequate(alone, rng):
+        alone = _by_itself(others, pieces[i], ratio, prior, rng)
+        if alone is None:
             continue
         total = others.log_evidence + alone.log_evidence + prior.minus_log(alone.noise)
         weight = total + math.log(_MIXED_IN / len(voltage))
         out.append(Rereading(others, weight, odd=pieces[i].name, ratio=ratio, ratio_se=se))
     return out
+
+
+def _by_itself(
+    others: Fit, piece: Piece, ratio: float, prior: NoisePrior, rng: np.random.Generator
+) -> Fit | None:
+    """A recording fitted with an actuator of its own, of so many times the displacement; None where that leaves
+    something."""
+    # it may have any modulus: it starts from where its size lies
+    alone = refit(replace(others.problem, pieces=(piece,)), _scaled(others, ratio), prior.start(), prior)
+    return alone if alone is not None and is_adequate(alone, rng) else None
 
 
 def _another(ratio: float, se: float, share: float = 1.0) -> bool:
@@ -256,7 +265,8 @@ def too_few_for_an_odd_one(fit: Fit) -> list[str]:
 class Foreign:
     """A recording to validate that is not of the actuator of the others: its displacement over what these expect.
 
-    alone: whether that leaves nothing but what the sensor scatters by in it at rest.
+    alone: whether that is all: its own size leaves nothing but what the sensor scatters by in it at rest, and an
+    actuator of its own nothing that can be seen. What changes within it is no other actuator.
     """
 
     recording: str
@@ -266,14 +276,21 @@ class Foreign:
 
     def note(self) -> str:
         """One line that names it."""
+        size = f"its displacement is {self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect"
+        if self.alone:
+            return (
+                f"{self.recording}: this recording does not belong to the actuator of the others: {size}; check what "
+                "it was recorded on"
+            )
         return (
-            f"{self.recording}: this recording does not belong to the actuator of the others: its displacement is "
-            f"{self.ratio:.3f} +- {max(self.se, 5e-4):.3f} times what they lead to expect; check what it was recorded "
-            "on"
+            f"{self.recording}: this recording does not follow the others: {size}, and no size of its own is all that "
+            "sets it apart; check what it was recorded on, and whether something changed while it was"
         )
 
 
-def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> list[Foreign]:
+def held_out_gains(
+    fit: Fit, held: tuple[Piece, ...], prior: NoisePrior, rng: np.random.Generator, tell: Tell = silence
+) -> list[Foreign]:
     """Recordings to validate whose size does not fit the actuator of the others."""
     used = [p for p in fit.problem.pieces if p.channel == "displacement"]
     out: list[Foreign] = []
@@ -287,7 +304,8 @@ def held_out_gains(fit: Fit, held: tuple[Piece, ...], tell: Tell = silence) -> l
             continue
         own = math.hypot(se, _size_foretold(fit, piece), _size_read(fit, piece))
         if abs(ratio - 1.0) > _SIGMAS_UNSEEN * own:
-            out.append(Foreign(piece.name, ratio, own, _a_factor_is_all(fit, piece)))
+            alone = _a_factor_is_all(fit, piece) and _by_itself(fit, piece, ratio, prior, rng) is not None
+            out.append(Foreign(piece.name, ratio, own, alone))
     return out
 
 
