@@ -133,7 +133,15 @@ def _by_itself(
     something."""
     # it may have any modulus: it starts from where its size lies
     alone = refit(replace(others.problem, pieces=(piece,)), _scaled(others, ratio), prior.start(), prior)
-    return alone if alone is not None and is_adequate(alone, rng) else None
+    return alone if alone is not None and is_adequate(_as_loud(alone, piece), rng) else None
+
+
+def _as_loud(fit: Fit, piece: Piece) -> Fit:
+    """The same with the noise of a recording that scatters more at rest than a fit allows: what scaled its readings has
+    scaled that, too."""
+    sigma, _ = fit.noise.of(piece)
+    louder = {**fit.noise.sigma, piece.channel: max(sigma, piece.prepared.quiet_sd)}
+    return replace(fit, noise=replace(fit.noise, sigma=louder))
 
 
 def _another(ratio: float, se: float, share: float = 1.0) -> bool:
