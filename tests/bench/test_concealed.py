@@ -119,8 +119,9 @@ def test_names_are_balanced() -> None:
 
 
 @pytest.mark.parametrize("kind", [
-    "series_resistance", "unknown:soft_knee",
-    *(pytest.param(k, marks=pytest.mark.long) for k in ("sensor_nonlinearity", "rate_independent_hysteresis")),
+    "unknown:soft_knee",
+    *(pytest.param(k, marks=pytest.mark.long)
+      for k in ("series_resistance", "sensor_nonlinearity", "rate_independent_hysteresis")),
 ])
 def test_sizes_come_near_what_is_aimed_at(kind: str) -> None:
     cases = [draw_case(seed, kind) for seed in range(20, 26)]

@@ -45,6 +45,7 @@ def test_readings_without_a_lost_target_all_count(clean):
     assert not alarms
 
 
+@pytest.mark.long
 def test_a_move_that_no_delay_makes_is_not_called_one(clean):
     """All readings of one block lie a millimetre off: a delay that did this would be longer than the block."""
     rows = played(seed=3)

@@ -31,6 +31,7 @@ def followed(x, play, start):
     return np.array(out)
 
 
+@pytest.mark.long
 def test_a_play_is_no_effect_of_the_actuator():
     s = diagnose(loose(3e-6), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "unknown"

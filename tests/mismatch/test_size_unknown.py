@@ -39,6 +39,12 @@ def by_waves():
     return fitted("creep")
 
 
+@pytest.fixture(scope="module")
+def by_plateaus():
+    """Fitted with plateaus; one of them and a wave kept."""
+    return fitted(("creep_1", "rectangle_1Hz"))
+
+
 def size_by_draws(fit, piece, n=300):
     """Relative sd of the size of a piece over draws of the posterior, each compared with the middle one."""
     problem = replace(fit.problem, pieces=(piece,))
@@ -96,9 +102,9 @@ def times(piece, factor):
     return replace(piece, prepared=replace(piece.prepared, y=y), y=block_means(y, piece.blocks))
 
 
-def test_what_changes_within_a_recording_is_no_other_actuator():
+def test_what_changes_within_a_recording_is_no_other_actuator(by_plateaus):
     """Three per cent more from early in a wave on: so little beside the noise that squares hardly show it."""
-    fit, pieces, how = fitted("rectangle_1Hz")
+    fit, pieces, how = by_plateaus
     (held,) = [p for p in pieces if p.name.startswith("rectangle_1Hz")]
     rows = np.arange(held.prepared.y.size)
     broken = times(held, np.where(rows < 0.15 * rows.size, 1.0, 1.03))
@@ -110,8 +116,8 @@ def test_what_changes_within_a_recording_is_no_other_actuator():
     assert whole.alone
 
 
-def test_after_plateaus_one_that_is_five_per_cent_too_large_does():
-    fit, pieces, how = fitted("creep_1")
+def test_after_plateaus_one_that_is_five_per_cent_too_large_does(by_plateaus):
+    fit, pieces, how = by_plateaus
     held = tuple(p for p in pieces if p.name.startswith("creep_1"))
     assert all(_size_foretold(fit, p) < 0.003 for p in held)
     large = tuple(times(p, 1.05) for p in held)
