@@ -96,7 +96,8 @@ def holder_resonance(
         return None
     replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in _ALIKE]
     if not replaced and named == UNKNOWN:
-        replaced = [()]
+        # the best partial explanation may do no more than some of its work
+        replaced = [(), claimed.effects] if claimed.effects else [()]
     out = []
     for r in replaced:
         rest = claimed.without(r, prior)
