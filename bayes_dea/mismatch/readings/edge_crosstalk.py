@@ -25,19 +25,16 @@ from ...models.supply_kernel import lagged
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
-from ..search.relabel import FURTHER
 from ..search.weigh import Weighed
 from .one_number import Peak, parabola
 from .shared_column import coefficient, left
-from .unlisted import CLEAR, Claimed, Unlisted, clearest
+from .unlisted import AFTER_AN_EDGE, CLEAR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
 #: time constants (s) that are looked at; the prior is log-uniform from the first to the last
 _TAUS_S = (1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 64e-3)
 #: sd (m) of what an edge of `_EDGE_V` adds
 _SIZE_M, _EDGE_V = 10e-6, 1000.0
-#: what answers an edge for some milliseconds as well
-_ALIKE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 #: nats by which it may be behind and be a rival yet
 _RIVAL = 5.0
 #: nats that it has to promise beside what is known, where nothing on the list explains the recordings
@@ -81,7 +78,7 @@ def edge_crosstalk(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | 
     claimed = Claimed.of(naming, named)
     if claimed is None:
         return None
-    replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in _ALIKE]
+    replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in AFTER_AN_EDGE]
     if not replaced and named == UNKNOWN and _promise(claimed.weighed.fit) > _PROMISES:
         replaced = [()]
     out = [

@@ -28,10 +28,9 @@ from ...models.supply_kernel import swinging
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
-from ..search.relabel import FURTHER
 from ..search.weigh import Weighed
 from .shared_column import coefficient, left
-from .unlisted import CLEAR, PRIOR, Claimed, Unlisted, clearest
+from .unlisted import AFTER_AN_EDGE, CLEAR, PRIOR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
 #: frequencies (Hz) and damping ratios of stands, from feet of rubber to steel; priors are log-uniform over them
@@ -43,8 +42,6 @@ _ZETA_STEPS = 3
 _SHARE = 0.1
 #: a first look has places so many half-widths of a line apart, a second one, as many to either side, so many
 _APART, _CLOSE, _ASIDE = 1.3, 0.25, 2.0
-#: what rings or answers an edge for some tens of milliseconds as well
-_ALIKE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 #: nats of the best place from which on it is looked at closely, and is fitted
 _WORTH_A_LOOK, _WORTH_A_FIT = 5.0, 10.0
 #: columns that are worked out at a time
@@ -94,7 +91,7 @@ def holder_resonance(
     claimed = Claimed.of(naming, named)
     if claimed is None:
         return None
-    replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in _ALIKE]
+    replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in AFTER_AN_EDGE]
     if not replaced and named == UNKNOWN:
         # the best partial explanation may do no more than some of its work
         replaced = [(), claimed.effects] if claimed.effects else [()]

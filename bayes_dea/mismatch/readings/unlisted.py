@@ -14,11 +14,13 @@ from typing import Any, ClassVar
 from ...gauss_newton.noise_prior import NoisePrior
 from ..search.hypotheses import NONE, UNKNOWN, extended, prior_odds
 from ..search.naming import Naming
-from ..search.relabel import within
+from ..search.relabel import FURTHER, within
 from ..search.weigh import Weighed
 
 #: prior probability of one worth a word, and nats by which it has to lead what was named
 PRIOR, CLEAR = 0.01, 3.0
+#: effects that answer an edge for some milliseconds, or tens of them: what else does may pass for one of them
+AFTER_AN_EDGE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 
 
 @dataclass(frozen=True)
