@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from ..gauss_newton.refit import Fit
@@ -91,12 +92,9 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    physics = (supply_offset, output_play, edge_crosstalk)
-    nothing = _nothing_claimed(naming, ruling)
-    unlisted = clearest(
-        [*(find(naming, ruling.named, ready.prior) for find in physics),
-         holder_resonance(naming, ruling.named, ready.prior, nothing)]
-    )  # fmt: skip
+    ringing = partial(holder_resonance, nothing=_nothing_claimed(naming, ruling))
+    physics = (supply_offset, output_play, edge_crosstalk, ringing)
+    unlisted = clearest(find(naming, ruling.named, ready.prior) for find in physics)
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)

@@ -1,5 +1,7 @@
 """A stand that rings: told by its frequency, also where no window in time shows it; nothing else is one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
@@ -7,7 +9,15 @@ from scipy.integrate import solve_ivp
 
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.readings.holder_resonance import _about, _everywhere, promise, resonance_of, ringing
+from bayes_dea.mismatch.readings.holder_resonance import (
+    _about,
+    _everywhere,
+    holder_resonance,
+    promise,
+    resonance_of,
+    ringing,
+)
+from bayes_dea.mismatch.search.weigh import Weighed
 
 HOLDER = {"holder_share": 0.01, "holder_Hz": 11.0, "holder_zeta": 0.05}
 
@@ -25,7 +35,6 @@ def test_it_is_a_support_driven_by_its_base():
     h[0] = 0.0
     w, zeta = 2 * np.pi * 9.0, 0.07
     # z = r + x: z'' = -w^2 (z - x) - 2 zeta w (z' - x'), x straight between its knots
-    knots = np.cumsum(h)
     r, rate, expected = 0.0, 0.0, [0.0]
     speed = 0.0
     for k in range(1, h.size):
@@ -36,14 +45,11 @@ def test_it_is_a_support_driven_by_its_base():
                         rtol=1e-10, atol=1e-13).y[:, -1]  # fmt: skip
         r, rate = end
         expected.append(r)
-    assert knots.size == x.size
     np.testing.assert_allclose(ringing(h, x, 9.0, zeta), expected, atol=1e-7)
 
 
-def test_places_stand_for_the_whole_prior():
+def test_places_stand_for_their_part_of_the_prior():
     places, share = _about(9.0, 0.06)
-    # one close look about every place of a first one, as it were, covers the prior a few times
-    assert 0.0 < share.sum() < 1.0
     assert {z for _, z in _everywhere()} == {0.015, 0.03, 0.06, 0.12, 0.24}
     at = np.array(places)
     # of a log-uniform density over both, the cells together
@@ -69,6 +75,25 @@ def test_where_there_is_none_nothing_is_promised():
     base = refit(problem, q, prior.start(), prior)
     assert promise(base, _everywhere()).max() < 5.0
     assert resonance_of(base, base, prior) is None
+
+
+def test_it_has_to_be_clear_of_what_is_likelier_than_nothing():
+    """Where nothing is claimed although a mode is likelier, for want of certainty, a resonance has to beat that."""
+    problem, prior, q = problem_of(ringing_campaign(0.004))
+    base = refit(problem, q, prior.start(), prior)
+    nothing = Weighed((), base, base.log_evidence, 0.1, 0.0)
+    lead = resonance_of(base, base, prior).log_evidence - base.log_evidence + np.log(0.01)
+    assert lead > 3.0  # the premise
+    none = SimpleNamespace(weighed=nothing)
+
+    def found(ahead):
+        p = {"none": 1.0, "extra_relaxation_mode": np.exp(ahead)}
+        naming = SimpleNamespace(none=none, probability={k: v / sum(p.values()) for k, v in p.items()})
+        return holder_resonance(naming, "none", prior, nothing)
+
+    assert found(-2.0).lead == pytest.approx(lead)
+    assert found(lead - 3.5).clear
+    assert found(lead - 2.5) is None
 
 
 @pytest.mark.long

@@ -44,8 +44,6 @@ _SHARE = 0.1
 _APART, _CLOSE, _ASIDE = 1.3, 0.25, 2.0
 #: nats of the best place from which on it is looked at closely, and is fitted
 _WORTH_A_LOOK, _WORTH_A_FIT = 5.0, 10.0
-#: columns that are worked out at a time
-_AT_ONCE = 60
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,10 @@ def holder_resonance(
     if nothing is not None:
         found = resonance_of(nothing.fit, naming.none.weighed.fit, prior)
         lead = -math.inf if found is None else found.log_evidence - nothing.log_evidence + math.log(PRIOR)
-        return None if found is None or lead < CLEAR else _told(found, lead, nothing.name)
+        # nothing is claimed, too, where something is likelier but not by enough: it has to be clear of that as well
+        if found is None or lead < CLEAR + _behind(naming, nothing.name):
+            return None
+        return _told(found, lead, nothing.name)
     claimed = Claimed.of(naming, named)
     if claimed is None:
         return None
@@ -103,6 +104,12 @@ def holder_resonance(
             lead = found.log_evidence + claimed.cost(rest)
             out += [_told(found, lead, rest.name)] if lead > CLEAR else []
     return clearest(out)
+
+
+def _behind(naming: Naming, name: str) -> float:
+    """Nats by which the likeliest hypothesis is ahead of one of them."""
+    own = naming.probability.get(name, 0.0)
+    return math.log(max(naming.probability.values()) / own) if own > 0.0 else math.inf
 
 
 def _told(found: Found, lead: float, beside: str) -> HolderResonance:
@@ -175,13 +182,10 @@ def _about(frequency_Hz: float, zeta: float) -> tuple[list[tuple[float, float]],
 def promise(fit: Fit, places: list[tuple[float, float]]) -> Array:
     """Nats (k,) that a resonance at each place (frequency in Hz, damping ratio) brings beside a fit whose parameters
     move along linearly, its share of a step integrated out."""
-    gained = []
-    for k in range(0, len(places), _AT_ONCE):
-        own, beside = left(fit, Shared(columns(fit, places[k : k + _AT_ONCE])))
-        size = np.where(np.isfinite(own), own, 0.0)
-        nats = 0.5 * beside**2 / (size + _SHARE**-2) - 0.5 * np.log1p(size * _SHARE**2)
-        gained.append(np.where(np.isfinite(own), nats, 0.0))
-    return np.concatenate(gained)
+    own, beside = left(fit, Shared(columns(fit, places)))
+    size = np.where(np.isfinite(own), own, 0.0)
+    nats = 0.5 * beside**2 / (size + _SHARE**-2) - 0.5 * np.log1p(size * _SHARE**2)
+    return np.where(np.isfinite(own), nats, 0.0)
 
 
 def columns(fit: Fit, places: list[tuple[float, float]]) -> list[Array]:
@@ -196,8 +200,8 @@ def _of_piece(piece: Piece, plant: Plant, places: list[tuple[float, float]]) -> 
         return np.zeros((len(places), piece.blocks.n))
     x = simulate_nodes(plant, nodes, piece.past)
     h = nodes.durations()
-    rings = np.stack([ringing(h, x, f, zeta) for f, zeta in places])
-    return np.ascontiguousarray((piece.averaging @ rings.T).T)
+    # one after the other: at every row of a long recording they are large, and their means are not
+    return np.stack([piece.averaging @ ringing(h, x, f, zeta) for f, zeta in places])
 
 
 def ringing(h: Array, x: Array, frequency_Hz: float, zeta: float) -> Array:
