@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from kept import packed
-from scores import NAMEABLE_NATS, Row, read_rows, scores
+from scores import MOST_S, NAMEABLE_NATS, Row, read_rows, scores
 
 from bayes_dea import __version__
 from bayes_dea.mismatch.confidence import confidence_of
@@ -150,7 +150,7 @@ def main() -> None:
         write_bytes(a.out / "none.jsonl.gz", packed(nothing))
     write_json(a.out / "scores.json", {"version": __version__, "study": s, "none": none})
     write_text(a.out / "report.html", page.render(s=s, alarms=alarms, share=share, pictures=pictures,
-                                                  nats=NAMEABLE_NATS, version=__version__))
+                                                  nats=NAMEABLE_NATS, most_s=MOST_S, version=__version__))
     print(f"{len(rows)} campaigns; right {share(s['nameable']['right'])} of those that can be named; "
           f"false alarms {share(alarms)}; {a.out / 'report.html'}")
 

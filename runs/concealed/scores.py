@@ -23,6 +23,8 @@ STEPS = (1.0, 2.0, 5.0, 12.0, 30.0, 80.0, 1e9)
 NAMEABLE_NATS = 340.0
 #: nats of lead below which the best equations of another effect are as good (odds of a hundred): only a set can be said
 ALIKE_NATS = 4.6
+#: seconds of one core that a diagnosis may take
+MOST_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -186,6 +188,13 @@ def _repaired(row: Row) -> bool:
     return bool(p["rmse_after_m"] <= 1.05 * p["noise_m"])
 
 
+def _spread(values: list[float]) -> dict[str, float]:
+    """Median, 95 % quantile and the largest; nothing of none."""
+    if not values:
+        return {}
+    return {"median": float(np.median(values)), "q95": float(np.quantile(values, 0.95)), "max": max(values)}
+
+
 def scores(rows: Sequence[Row]) -> dict[str, Any]:
     """Everything that the page shows."""
     done = finished(rows)
@@ -198,7 +207,7 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     between = [r for r in weaker if not _as_well(r)]
     named = [r for r in acting if hit(r) and r["proof"].get("rmse_after_m") is not None]
     judged = strong + by["none"] + by["unknown"]
-    seconds = sorted(float(r["seconds"]) for r in done)
+    timed = [r for r in done if "processor_s" in r]
     return {
         "campaigns": len(rows), "failed": len(rows) - len(done), "seeds": [r["seed"] for r in rows],
         "codes": dict(Counter(str(r.get("code")) for r in rows)),
@@ -215,6 +224,7 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
         "reliability": reliability(done), "reliability_raw": reliability(done, "raw"),
         "power": power(done), "confusion": confusion(done), "coverage": coverage(done),
         "repaired_within_5_percent": rate(named, _repaired).json(),
-        "seconds": {"median": float(np.median(seconds)), "q95": float(np.quantile(seconds, 0.95)),
-                    "max": seconds[-1]} if seconds else {},
+        "seconds": _spread([float(r["seconds"]) for r in done]),
+        "processor_s": _spread([float(r["processor_s"]) for r in timed])
+        | {"within": rate(timed, lambda r: r["processor_s"] <= MOST_S).json()},
     }

@@ -1,12 +1,22 @@
 """A crosstalk of the command into the reading: told as that, and not as a mode of the material that fast."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.descent import value_at
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
-from bayes_dea.mismatch.readings.edge_crosstalk import _about, _promise, crosstalk_column, crosstalk_of
+from bayes_dea.mismatch.readings.edge_crosstalk import (
+    _SIZE_M,
+    _about,
+    _promise,
+    _shared,
+    crosstalk_column,
+    crosstalk_of,
+)
 from bayes_dea.noise.blocks import block_means
 
 SIZE, TAU_S = -2e-8, 6e-3
@@ -39,6 +49,13 @@ def test_its_size_is_found_beside_a_base_that_did_its_work():
     assert abs(found.mean_m / 1000.0 - SIZE) < 4 * found.sd_m / 1000.0 < 0.4 * abs(SIZE)
     assert found.tau_s == pytest.approx(TAU_S, rel=0.25)
     assert _promise(base) > 20.0
+    # a bound that the best of the first look keeps, and its neighbours do not, costs nothing; what all are above does
+    beside = [replace(problem, shared=_shared(base, t), amplitude_m=_SIZE_M) for t in (2e-3, 8e-3, 32e-3)]
+    reached = sorted(value_at(p, refit(p, q, prior.start(), prior).q, prior.start()) for p in beside)
+    assert reached[1] > reached[0] + 5.0
+    kept = crosstalk_of(base, base, prior, reached[0] + 4.0)
+    assert kept.log_evidence == pytest.approx(found.log_evidence, abs=0.1)
+    assert crosstalk_of(base, base, prior, reached[0] - 20.0) is None
 
 
 def test_where_there_is_none_nothing_is_promised():

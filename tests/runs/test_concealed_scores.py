@@ -53,6 +53,14 @@ def test_counts_of_rows_whose_answer_is_known():
     assert s["coverage"]["all"] == scores.Rate(1, 1).json()
     assert s["brier_all"] == pytest.approx(np.mean([0.01**2, 0.7**2, 0.1**2, 0.6**2, 0.01**2, 0.2**2, 0.9**2]))
     assert {t["truth"]: t["verdicts"] for t in s["confusion"]}["sensor_lag"] == {"none": 1}
+    assert s["processor_s"] == {"within": scores.Rate(0, 0).json()}
+
+
+def test_processor_seconds_of_the_rows_that_have_them():
+    timed = [{**r, "processor_s": t} for r, t in zip(ROWS[:3], (20.0, 61.0, 40.0), strict=True)]
+    told = scores.scores([*timed, *ROWS[3:]])["processor_s"]
+    assert (told["median"], told["max"]) == (40.0, 61.0)
+    assert told["within"] == scores.Rate(2, 3).json()
 
 
 def test_what_a_rival_explains_as_well_cannot_be_named():

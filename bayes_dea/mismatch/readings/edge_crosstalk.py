@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
-from ...gauss_newton.refit import Fit, refit
+from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import Shared
 from ...models.supply_kernel import lagged
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
-from ..search.weigh import Weighed
+from ..search.weigh import Weighed, within_reach
 from .one_number import Peak, parabola
 from .shared_column import coefficient, left
 from .unlisted import AFTER_AN_EDGE, CLEAR, Claimed, Unlisted, clearest
@@ -92,7 +92,7 @@ def _instead(
     claimed: Claimed, rest: Weighed, replaced: tuple[str, ...], naming: Naming, prior: NoisePrior
 ) -> EdgeCrosstalk | None:
     """A crosstalk beside what stays of a claim."""
-    found = crosstalk_of(rest.fit, naming.none.weighed.fit, prior)
+    found = crosstalk_of(rest.fit, naming.none.weighed.fit, prior, claimed.out_of_reach(rest, prior))
     if found is None:
         return None
     return EdgeCrosstalk(
@@ -111,22 +111,23 @@ class Found:
     tau_s: float
 
 
-def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
-    """A crosstalk beside a fit, its time constant integrated out.
+def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf) -> Found | None:
+    """A crosstalk beside a fit, its time constant integrated out; None where a first look stays above a value (see
+    `Weighed`).
 
     base: what has the modes that are begun from the middle of their priors.
     """
     fits: dict[float, Fit] = {}
 
-    def fitted(tau_s: float, start: Array) -> None:
+    def fitted(tau_s: float, start: Array, above: float = math.inf) -> None:
         beside = replace(fit.problem, shared=_shared(fit, tau_s), amplitude_m=_SIZE_M)
-        again = refit(beside, start, prior.start(), prior)
+        again = within_reach(beside, start, prior, above)
         if again is not None and (tau_s not in fits or again.log_evidence > fits[tau_s].log_evidence):
             fits[tau_s] = again
 
     middle = typical(fit, base.problem.model)
     for tau_s in _TAUS_S[1::2]:
-        fitted(tau_s, middle)
+        fitted(tau_s, middle, above)
     if not fits:
         return None
     top = max(fits, key=lambda t: fits[t].log_evidence)

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
-from ...gauss_newton.refit import Fit, refit
+from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import Shared
 from ...models.plant import Plant
 from ...models.simulate_plant import simulate_nodes
@@ -28,7 +28,7 @@ from ...models.supply_kernel import swinging
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
-from ..search.weigh import Weighed
+from ..search.weigh import Weighed, within_reach
 from .shared_column import coefficient, left
 from .unlisted import AFTER_AN_EDGE, CLEAR, PRIOR, Claimed, Unlisted, clearest
 
@@ -99,8 +99,10 @@ def holder_resonance(
     out = []
     for r in replaced:
         rest = claimed.without(r, prior)
-        found = None if rest is None else resonance_of(rest.fit, naming.none.weighed.fit, prior)
-        if rest is not None and found is not None:
+        if rest is None:
+            continue
+        found = resonance_of(rest.fit, naming.none.weighed.fit, prior, claimed.out_of_reach(rest, prior))
+        if found is not None:
             lead = found.log_evidence + claimed.cost(rest)
             out += [_told(found, lead, rest.name)] if lead > CLEAR else []
     return clearest(out)
@@ -130,8 +132,9 @@ class Found:
     zeta: float
 
 
-def resonance_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
-    """A resonance beside a fit, its frequency and damping integrated out; None where none is worth a fit.
+def resonance_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf) -> Found | None:
+    """A resonance beside a fit, its frequency and damping integrated out; None where none is worth a fit, or all stay
+    above a value (see `Weighed`).
 
     base: what has the modes that are begun from the middle of their priors, too.
     """
@@ -145,7 +148,8 @@ def resonance_of(fit: Fit, base: Fit, prior: NoisePrior) -> Found | None:
         return None
     top = int(np.argmax(gained))
     beside = replace(fit.problem, shared=Shared(columns(fit, [places[top]])), amplitude_m=_SHARE)
-    fits = [refit(beside, start, prior.start(), prior) for start in (fit.q, typical(fit, base.problem.model))]
+    starts = (fit.q, typical(fit, base.problem.model))
+    fits = [within_reach(beside, start, prior, above) for start in starts]
     known = [f for f in fits if f is not None]
     if not known:
         return None

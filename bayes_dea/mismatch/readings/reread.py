@@ -19,6 +19,7 @@ from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece, renoded
 from ...gauss_newton.refit import Fit, inverse, refit
 from ...gauss_newton.whitening import whiten
+from ..search.weigh import within_reach
 from ..telling import Tell, silence
 from ..where.locate import is_adequate
 from .own_gains import DIFFERENT
@@ -32,6 +33,8 @@ _WRONG_HOLD, _MIXED_IN = 0.01, 0.01
 _LEAST_LEFT = 3
 #: squares of residuals a block that no refit without one recording brings down to noise
 _HOPELESS_CHI2 = 3.0
+#: sds of its prior by which the log of a noise may grow meanwhile
+_GROWS_SDS = 3.0
 #: steps of a refit without one after which it has to leave no more than so many sds of noise's own squares
 _FEW, _TOO_MUCH = 4, 3.0
 #: share of the least difference of another actuator that has to be seen after them
@@ -72,12 +75,19 @@ def other_holds(
     for k, hold in enumerate(others):
         tell(k, len(others), f"hold = {hold}")
         moved = tuple(with_hold(p, hold) for p in pieces)
-        fit = refit(replace(base.problem, pieces=moved), base.q, prior.start(), prior)
+        problem = replace(base.problem, pieces=moved)
+        fit = within_reach(problem, base.q, prior, _never_noise(problem, prior))
         if fit is not None and fit.log_evidence > base.log_evidence and is_adequate(fit, rng):
             # the default is what a command is written by most often: it is named where two fit alike
             share = _WRONG_HOLD if hold == "end" else 0.5 * _WRONG_HOLD
             out.append(Rereading(fit, fit.log_evidence + math.log(share), hold=hold))
     return out
+
+
+def _never_noise(problem: Problem, prior: NoisePrior) -> float:
+    """The value (see `Weighed`) above which a fit leaves more than noise, however much its noise may grow."""
+    grown = max(math.exp(sd) for _, sd in prior.log_sigma.values()) ** (2.0 * _GROWS_SDS)
+    return _HOPELESS_CHI2 * grown * 0.5 * sum(p.blocks.n for p in problem.pieces)
 
 
 def with_hold(piece: Piece, hold: str) -> Piece:

@@ -11,14 +11,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from ...gauss_newton.descent import value_at
 from ...gauss_newton.noise_prior import NoisePrior
 from ..search.hypotheses import NONE, UNKNOWN, extended, prior_odds
 from ..search.naming import Naming
 from ..search.relabel import FURTHER, within
-from ..search.weigh import Weighed
+from ..search.weigh import Weighed, hopeless
 
 #: prior probability of one worth a word, and nats by which it has to lead what was named
 PRIOR, CLEAR = 0.01, 3.0
+#: share of what an exponential explains that is left at twice its time constant (a ninth), and as much again
+_OFF = 0.25
 #: effects that answer an edge for some milliseconds, or tens of them: what else does may pass for one of them
 AFTER_AN_EDGE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 
@@ -100,6 +103,13 @@ class Claimed:
         own = {p.name: p for p in self.weighed.fit.problem.model.parameters}
         model = extended(none.fit.problem.model, rest, own)
         return None if model is None else within(self.weighed, none.fit, model, prior)
+
+    def out_of_reach(self, rest: Weighed, prior: NoisePrior) -> float:
+        """The value (see `Weighed`) above which something unlisted beside what stays can be no rival of what is named,
+        even at a time constant or frequency that is off by a step of a first look."""
+        reached, left = (value_at(w.fit.problem, w.fit.q, prior.start()) for w in (self.weighed, rest))
+        near = reached + _OFF * max(left - reached, 0.0)
+        return hopeless(near, sum(p.blocks.n for p in rest.fit.problem.pieces))
 
     def cost(self, rest: Weighed) -> float:
         """Log prior odds of something unlisted beside what stays, less the weight of what is named."""

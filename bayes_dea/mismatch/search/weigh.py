@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfcx
 
-from ...gauss_newton.descent import approach, inner_bounds, prior_derivatives
+from ...gauss_newton.descent import Linearisation, approach, inner_bounds, prior_derivatives
 from ...gauss_newton.laws import laws_in
 from ...gauss_newton.noise_prior import NoisePrior
-from ...gauss_newton.problem import Kept
+from ...gauss_newton.problem import Kept, Problem
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
 from ...priors import Prior
@@ -78,7 +78,7 @@ def refine(
     """
     model = screened.model
     problem = base.problem.with_model(model)
-    above = min(_hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind), at_most)
+    above = min(hopeless(reached, sum(p.blocks.n for p in problem.pieces), behind), at_most)
     ends: list[tuple[float, Array, Kept | None]] = []
     for point in _starting_points(screened, starts):
         kept = None if point.frame.far else _kept(point.frame.fit, model)
@@ -101,6 +101,16 @@ def refine(
     return None
 
 
+def within_reach(problem: Problem, q: Array, prior: NoisePrior, above: float) -> Fit | None:
+    """A refit from q; None where an approach to it stays above this value (see `Weighed`), which tells a wrong model
+    long before it is at its end."""
+    end = approach(problem, q, prior.start(), hopeless_above=above)
+    if end is None or end.value > above:
+        return None
+    # those of another fit were never used
+    return refit(problem, end.q, prior.start(), prior, known=Linearisation(end.q, end.clean, end.slopes, end.exact))
+
+
 def _shifts(point: Scored) -> list[Array | None]:
     """Moves of the base to begin with, the linear one first; others are for where that led astray.
 
@@ -112,7 +122,7 @@ def _shifts(point: Scored) -> list[Array | None]:
     return [point.move, *([] if shorter is point.move else [shorter]), None]
 
 
-def _hopeless(reached: float, n: int, behind: float) -> float:
+def hopeless(reached: float, n: int, behind: float = HOPELESS) -> float:
     """The value above which a fit to n blocks stays so many nats behind another, whatever its noise grows to.
 
     With its sd scaled to the misfit v, normal noise makes n/2 (1 + log(2 v/n)) of it.
