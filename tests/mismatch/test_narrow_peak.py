@@ -62,3 +62,13 @@ def test_a_peak_beyond_the_first_point_of_a_grid_is_found_where_the_second_is_wo
     assert len(looks) < 8
     # inside a grid a parabola goes through the neighbours
     assert _looked_at(lag, [math.log(0.126), *grid]) == []
+
+
+def test_a_limit_that_cuts_off_a_little_more_than_the_best_point_is_found():
+    """At 210 um just reached, at 187 um far too much is cut off; it is 205.5 um (1567060)."""
+    def limit(x):
+        return 60.0 * (x - 205.5) ** 2 - 700.0 if x < 205.5 else -700.0 * max(0.0, 1.0 - (x - 205.5) / 4.7) ** 2
+
+    grid = [163.0, 186.64, 210.15, 210.23, 232.0, 240.0]
+    assert min(limit(x) for x in grid) > -30.0
+    assert min(p.posterior for p in _looked_at(limit, grid)) < -650.0

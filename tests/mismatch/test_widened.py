@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from concealed_campaigns import concealed, problem_of
+from concealed_campaigns import concealed, problem_of, weigher
 
+from bayes_dea.gauss_newton.laws import laws_of_effect
 from bayes_dea.gauss_newton.noise_prior import noise_prior
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
@@ -13,7 +14,7 @@ from bayes_dea.mismatch.search.beside import puts_back
 from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
 from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.relabel import within
-from bayes_dea.mismatch.search.second_thoughts import merged, widened
+from bayes_dea.mismatch.search.second_thoughts import beside_the_narrow, merged, widened
 from bayes_dea.mismatch.search.weigh import Weighed
 
 LEAK = {"R_leak_ohm": 5e8, "R_s_ohm": 6e4, "E_0_V_per_m": 1.2e6}
@@ -54,6 +55,29 @@ def test_a_leak_found_beside_a_resistance_is_a_leak():
     assert leak.fit.objective == pytest.approx(pair.fit.objective, abs=1.0)
     assert leak.log_evidence > base.log_evidence + 100.0
     assert merged([leak], quest) == []
+
+
+@pytest.mark.parametrize("c_eps", [-3.0, 0.0])
+def test_beside_a_resistance_another_effect_may_do_what_a_leak_does_beyond_it(c_eps):
+    """1567150: a leak left nothing, as the true pair did, of which nobody had thought."""
+    second = {} if c_eps == 0.0 else {"stretch_dependent_permittivity": {"c_eps": c_eps}}
+    campaign = concealed({"series_resistance": {"R_s_ohm": 25e3}, **second}, scale=0.5)
+    problem, prior, q = problem_of(campaign)
+    base = refit(problem, q, prior.start(), prior)
+    names = ("series_resistance", "leakage", "stretch_dependent_permittivity", "sensor_nonlinearity")
+    given = effect_priors(names, campaign)
+    quest = Quest(base, names, given, prior, np.random.default_rng(1))
+    (law,) = (law for law in laws_of_effect("leakage", given) if law)
+    narrow = weigher(problem, prior, base, given, base.values())("series_resistance", R_s_ohm=25e3)
+    leaking = weigher(problem, prior, base, {**given, **law}, base.values())
+    leak = leaking("leakage", R_s_ohm=25e3, R_leak_ohm=1e8, E_0_V_per_m=3e6)
+    found = {w.effects: w.log_evidence for w in beside_the_narrow(leak, narrow, quest)}
+    if c_eps == 0.0:
+        assert found == {}
+        return
+    assert leak.log_evidence > narrow.log_evidence + 10.0
+    assert found["series_resistance", "stretch_dependent_permittivity"] > leak.log_evidence - 3.0
+    assert not any("leakage" in effects for effects in found)
 
 
 def test_what_would_be_put_back_into_what_is_known_is_not_looked_for():

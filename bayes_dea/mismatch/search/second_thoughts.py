@@ -16,7 +16,7 @@ from .grid import Screened
 from .hypotheses import DELAY, extended
 from .in_its_place import in_its_place, without
 from .pairs import NEXT, PART
-from .promising import MASS, of_laws
+from .promising import LEAST_GAIN, MASS, of_laws
 from .quest import Quest
 from .relabel import FURTHER, in_place_of_one, within, without_stand_in
 from .weigh import Weighed, excess, refine
@@ -34,11 +34,12 @@ def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
     """Rivals that are looked for from where an explanation stands.
 
     Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two the
-    one found second gets another beside it. An effect that contains another is put back to that one. A mode of the base
-    may have gone astray, and then a further one does its work; or it stands in for another effect (a mode far faster
-    than the sampling is a damper), and then that effect is looked for in its place. Of three one may do what is left
-    of an effect that contains another one of them, and then that effect is looked for in place of both; of two that
-    leave nothing to be seen in place of that one.
+    one found second gets another beside it. An effect that contains another is put back to that one; where it leaves
+    nothing to be seen alone, any other may be beside that one as well. A mode of the base may have gone astray, and
+    then a further one does its work; or it stands in for another effect (a mode far faster than the sampling is a
+    damper), and then that effect is looked for in its place. Of three one may do what is left of an effect that
+    contains another one of them, and then that effect is looked for in place of both; of two that leave nothing to be
+    seen in place of that one.
     """
     out: list[Weighed] = []
     base, model, prior, names = quest.base, quest.model, quest.prior, quest.names
@@ -62,6 +63,8 @@ def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
     if len(w.effects) == 2 and set(w.effects) & set(CONTAINS.values()) and quest.explained_by(w.fit):
         narrow_ones = [w]
     out += [t for pair in narrow_ones for t in widened(pair, by, w.value)]
+    if len(w.effects) == 1 and w.effects[0] in CONTAINS and out and quest.explained_by(w.fit):
+        out += beside_the_narrow(w, out[0], quest)
     if len(w.effects) == 2 and len(out) > 1:
         second, first = sorted(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
         # a mass that explains next to nothing by itself, dear as it is, says little of what it rings beside
@@ -109,6 +112,19 @@ def widened(pair: Weighed, quest: Quest, reached: float = math.inf) -> list[Weig
             quest.say("leaving one out", 0, 1, "+".join(together(others, wide)))
             out += in_its_place(frame, others, wide, pair, quest, min(pair.value, reached), _FAR_BEHIND)
     return out
+
+
+def beside_the_narrow(w: Weighed, narrow: Weighed, quest: Quest) -> list[Weighed]:
+    """Pairs of what a single effect contains with any other, where that one leaves something.
+
+    A leak behind a resistance is as much as two effects: what it does beyond the resistance another may do as well.
+    """
+    least = _PROMISING * (w.log_evidence - narrow.log_evidence)
+    if least < LEAST_GAIN:
+        return []
+    others = quest.among(n for n in quest.names if n not in w.effects)
+    found = beside(narrow, others.unasked(), least, reached=w.value)
+    return [replace(t, size_m=effect_size(quest.base, t.fit)) for t in found if t.fit is not narrow.fit]
 
 
 def merged(found: Sequence[Weighed], quest: Quest) -> list[Weighed]:
