@@ -236,7 +236,14 @@ class Problem:
 
     def plants(self, q: Array) -> list[Plant]:
         """The model at q as a plant, by piece."""
-        values = {k: float(v[0]) for k, v in self.model.physical(q[None, : self.model.dimension]).items()}
+        return self.plants_at(q[None])[0]
+
+    def plants_at(self, q: Array) -> list[list[Plant]]:
+        """The same at many places (B, d)."""
+        values = self.model.physical(q[:, : self.model.dimension])
+        return [self._plants_of({k: float(v[i]) for k, v in values.items()}) for i in range(len(q))]
+
+    def _plants_of(self, values: dict[str, float]) -> list[Plant]:
         plants: dict[tuple[Actuator, tuple[float, float] | None], Plant] = {}
         for piece in self.pieces:
             actuator, play = piece.recording.actuator, piece.play
@@ -304,6 +311,8 @@ class Problem:
             for s in set(stay.values())
         }
         known = {s: self._at(q, readings, plants, base, everything) for s, readings in where.items()}
+        own = [j for j in chosen if j < self.model.dimension]
+        stepped = dict(zip(own, self.plants_at(q + np.diag(h)[own]), strict=True)) if own else {}
         for j in chosen:
             readings, here = where[stay[j]], known[stay[j]]
             only = [i for i in everything if driven is None or i in driven or j not in self._electrical]
@@ -312,7 +321,7 @@ class Problem:
             moved = q.copy()
             moved[j] += h[j]
             step = h[j]
-            new = self.clean(moved, only, readings)
+            new = self.clean(moved, only, readings, stepped.get(j, plants))
             if not all(np.isfinite(x).all() for x in new):
                 moved[j] = q[j] - h[j]
                 step = -h[j]
