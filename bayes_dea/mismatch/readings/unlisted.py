@@ -68,10 +68,14 @@ class Unlisted(ABC):
 
 @dataclass(frozen=True)
 class Claimed:
-    """What is named, for something unlisted to be held against: its effects, log evidence with log prior odds."""
+    """What is named, for something unlisted to be held against: its effects, log evidence with log prior odds.
+
+    ahead: nats by which something unknown leads the best partial explanation, which stands for it.
+    """
 
     weighed: Weighed
     weight: float
+    ahead: float
     naming: Naming
     singles: int
 
@@ -86,7 +90,9 @@ class Claimed:
         weighed = best if named == UNKNOWN else naming.weighed[named]
         odds, singles = prior_odds(), sum("+" not in n for n in naming.weighed)
         prior = odds.unknown if named == UNKNOWN else odds.of(len(weighed.effects), singles)
-        return Claimed(weighed, naming.log_evidence[named] + math.log(prior), naming, singles)
+        evidence = naming.log_evidence[named]
+        ahead = max(evidence - best.log_evidence, 0.0) if named == UNKNOWN else 0.0
+        return Claimed(weighed, evidence + math.log(prior), ahead, naming, singles)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -108,6 +114,7 @@ class Claimed:
         """The value (see `Weighed`) above which something unlisted beside what stays can be no rival of what is named,
         even at a time constant or frequency that is off by a step of a first look."""
         reached, left = (value_at(w.fit.problem, w.fit.q, prior.start()) for w in (self.weighed, rest))
+        reached -= self.ahead
         near = reached + _OFF * max(left - reached, 0.0)
         return hopeless(near, sum(p.blocks.n for p in rest.fit.problem.pieces))
 
