@@ -172,8 +172,9 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     assert told(ask.next_experiment([fit, fit], ["a", "b"], limits, tell)) == [k / n for k in range(n)]
     voltage = SimpleNamespace(nodes=1, recording=SimpleNamespace(hold="end"))
     monkeypatch.setattr(reread, "with_hold", lambda piece, hold: piece)
-    assert told(reread.other_holds(SimpleNamespace(problem=Pieces((voltage,)), q=None), SimpleNamespace(
-        start=lambda: None), None, tell)) == [0, 0.5]
+    for reach in ("within_reach", "_never_noise"):
+        monkeypatch.setattr(reread, reach, lambda *_: None)
+    assert told(reread.other_holds(SimpleNamespace(problem=Pieces((voltage,)), q=None), None, None, tell)) == [0, 0.5]
 
 
 class Terminal(io.StringIO):
