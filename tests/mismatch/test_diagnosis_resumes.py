@@ -1,6 +1,7 @@
 """An interrupted diagnosis goes on from what it has kept."""
 
 import json
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,8 +10,11 @@ import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.gauss_newton.descent import approach
 from bayes_dea.gauss_newton.journal import Journal, digest
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.search.weigh import within_reach
 
 RESISTOR = {"series_resistance": {"R_s_ohm": 1.2e5}}
 
@@ -56,6 +60,29 @@ def test_an_interrupted_diagnosis_ends_at_the_same_numbers(diagnosed, tmp_path, 
     # nothing is worked out twice: a further run adds no line
     assert numbers(diagnose(campaign, "hooke+gm3", seed=1, checkpoint=file).summary) == numbers(whole.summary)
     assert file.read_bytes().count(b"\n") == total
+
+
+def test_what_is_given_up_on_the_way_or_not_ends_at_the_same_numbers(tmp_path):
+    """Cut off between the approach and the refit, whose first step must not hang on what the approach had at hand."""
+    left_out = {"series_resistance": {"R_s_ohm": 6e5}, "amplitude_softening": {"dE_Pa": 2e5, "e_c": 0.01}}
+    problem, prior, middle = problem_of(concealed(left_out), "hooke+gm2")
+    q = refit(problem, middle, prior.start(), prior).q
+    q[: problem.model.dimension] += 0.1 * np.random.default_rng(6).standard_normal(problem.model.dimension)
+    file = tmp_path / "j.jsonl"
+    journal = Journal(file)
+    whole = within_reach(replace(problem, journal=journal), q, prior, math.inf)
+    journal.close()
+    plain = within_reach(problem, q, prior, math.inf)
+    lines = file.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 2
+    file.write_bytes(lines[0])
+    again = within_reach(replace(problem, journal=Journal(file)), q, prior, math.inf)
+    assert np.array_equal(again.q, whole.q)
+    assert np.array_equal(plain.q, whole.q)
+    assert again.log_evidence == whole.log_evidence == plain.log_evidence
+    end = approach(problem, q, prior.start())
+    assert not end.exact  # the premise
+    assert within_reach(problem, q, prior, end.value - 1.0) is None
 
 
 def test_a_journal_keeps_every_digit_and_survives_a_cut(tmp_path):

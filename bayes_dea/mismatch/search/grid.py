@@ -189,10 +189,11 @@ def screen(
             if frame is frames[0] and k < len(weighing):
                 weighed += bool(np.isfinite(prior_of(own)))
                 main += [-point.likelihood] if point is not None else []
-        if index.size == 1 and model.priors.free[index[0]].prior.family == "uniform":
-            just_reached(here, frame.value(frame.fit.clean)[0], score)
         if index.size == 1:
-            narrow_peak(here, frame.value(frame.fit.clean)[0], score)
+            idle = frame.value(frame.fit.clean)[0]
+            if model.priors.free[index[0]].prior.family == "uniform":
+                just_reached(here, idle, score)
+            narrow_peak(here, idle, score)
             parabola(here, score)
         if rings(model, index):
             _score_resonances(frame, model, index, added, score)
@@ -316,8 +317,8 @@ def narrow_peak(
     What ends before the next reading (a lag, a ramp of the supply) shows nothing of itself until it is slow enough, and
     then soon everything: such a peak lies between two points of a grid of probabilities. So does that of half a step,
     from the first point on, where the second is worse than none, and that of a limit that cuts off a little more than
-    the point at which it is just reached. idle: minus log posterior of the base; what is scored
-    is kept by `score`. Golden section.
+    the point at which it is just reached. idle: minus log posterior of the base; what is scored is kept by `score`.
+    Golden section.
     """
     points = sorted(found, key=lambda p: float(p.own[0]))
     if len(points) < 2:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erfcx
 
-from ...gauss_newton.descent import Linearisation, approach, inner_bounds, prior_derivatives
+from ...gauss_newton.descent import approach, inner_bounds, prior_derivatives
 from ...gauss_newton.laws import laws_in
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Kept, Problem
@@ -107,8 +107,8 @@ def within_reach(problem: Problem, q: Array, prior: NoisePrior, above: float) ->
     end = approach(problem, q, prior.start(), hopeless_above=above)
     if end is None or end.value > above:
         return None
-    # those of another fit were never used
-    return refit(problem, end.q, prior.start(), prior, known=Linearisation(end.q, end.clean, end.slopes, end.exact))
+    # not by the sensitivities that the approach has carried on to there: a journal keeps the place alone
+    return refit(problem, end.q, prior.start(), prior)
 
 
 def _shifts(point: Scored) -> list[Array | None]:
