@@ -134,7 +134,7 @@ def test_bridge_sampling_counts_its_densities():
 
 def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     """Those that a short run does not reach, or passes at once; nothing is fitted here."""
-    from bayes_dea.mismatch import ask, prove
+    from bayes_dea.mismatch import ask, left_out, prove
     from bayes_dea.mismatch.readings import reread
 
     said = []
@@ -147,8 +147,9 @@ def test_parts_of_a_diagnosis_count_what_they_try(monkeypatch):
     def tell(*at):
         said.append(at)
 
-    for module in (reread, prove):
-        monkeypatch.setattr(module, "refit", lambda *_, **__: None)
+    monkeypatch.setattr(reread, "refit", lambda *_, **__: None)
+    for module in (prove, left_out):
+        monkeypatch.setattr(module, "refit_without", lambda *_: None)
     monkeypatch.setattr(reread, "_expected_chi2", lambda *_: float("inf"))
     monkeypatch.setattr(prove, "held_out", lambda *_: [])
     for told_by_prior in ("own_index", "_untold"):

@@ -120,6 +120,10 @@ class Shared:
         self._whitened: list[Whitened] = []
         self._among = np.empty((0, 0))
 
+    def of(self, pieces: Sequence[int]) -> Shared:
+        """The columns of some of the pieces."""
+        return Shared([self._columns[i] for i in pieces])
+
     def grams(
         self, pieces: Sequence[Piece], beside: Sequence[Whitened], noise: Noise
     ) -> tuple[Array, Array]:

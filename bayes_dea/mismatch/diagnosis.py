@@ -27,7 +27,7 @@ from .held_gains import held_gains
 from .judge import Judged, judged, named_fit
 from .laps import Laps
 from .prepare import Prepared, prepared
-from .prove import HeldOut, held_out, proof, unanswered, untaught, with_noise_at_rest, without_validation
+from .prove import HeldOut, proof, unanswered, untaught, with_noise_at_rest, with_repair, without_validation
 from .readings.clipped import beyond_reach, restored
 from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
 from .readings.seen import Seen
@@ -183,11 +183,13 @@ def _once(
     clip, scored = _scored(ready, seen, ruling.verdict)
     proved, how = proof(base, corrected, scored, ready.prior, clip, in_turn, lambda *at: say("proving", *at))
     mended: list[HeldOut] = []
-    if found.terms is not None and how == "validate":
-        held = tuple(p for p in scored if not p.identify)
-        mended = held_out(corrected, found.terms.fit, held, clip, beside=found.terms.added)
+    if found.repaired is not None:
+        mended, _ = proof(
+            corrected, found.repaired, scored, ready.prior, clip, in_turn, lambda *at: say("proving the repair", *at)
+        )
     if ruling.verdict == UNKNOWN:
         proved, mended = (with_noise_at_rest(h, corrected, seen.pieces, ready.prior) for h in (proved, mended))
+        proved = with_repair(proved, mended)
     against = None
     if ruling.verdict != UNKNOWN and found.explanation.adequate:
         by_name = {p.name: p for p in seen.pieces}

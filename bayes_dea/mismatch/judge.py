@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 from ..gauss_newton.refit import Fit
+from .left_out import Repaired
 from .prepare import Prepared
 from .readings.edge_crosstalk import edge_crosstalk
 from .readings.holder_resonance import holder_resonance
@@ -26,7 +27,7 @@ from .search.naming import Explanation, Naming, beside_another_channel
 from .search.phase import sample_step_s
 from .search.weigh import Weighed
 from .timing import timing_note
-from .unknown import Terms, repair
+from .unknown import repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
 from .where.features import Features, features
 from .words import small_note
@@ -53,7 +54,7 @@ class Judged:
     begun: UnderWay | None  # recordings that did not begin at rest, where nothing on the list explains them
     drifts: OwnDrifts | None  # of the sensor's zero, likewise
     mended: dict[str, Any] | None  # of what is unknown: what can be said of it all the same
-    terms: Terms | None  # beside its best partial explanation
+    repaired: Repaired | None  # the fit with that
     monitor: Monitored | None = None  # what a voltage that was measured says of the supply
 
     def notes(self) -> list[str]:
@@ -98,7 +99,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)
-    mended, terms, scale, begun, drifts = None, None, None, None, None
+    mended, repaired, scale, begun, drifts = None, None, None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)
         most = max(naming.log_evidence.values())
@@ -107,9 +108,10 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         # where the best explanation leaves nothing, it is this that no physics explains
         strangest = unlisted or ((swings or gains) if best.adequate else None)
         if strangest is None:
-            mended, terms = repair(best, looks, ready.prior)
+            mended, repaired = repair(best, looks, ready.prior)
         else:
             mended = strangest.repair(best.weighed.name)
+            repaired = None if unlisted is None else unlisted.repaired
     corrected = base if ruling.named == NONE else named_fit(naming, ruling.named)
     explanation = naming.none if ruling.named == NONE else best
     explained = corrected
@@ -134,7 +136,7 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         begun=begun,
         drifts=drifts,
         mended=mended,
-        terms=terms,
+        repaired=repaired,
         monitor=monitor,
     )
 

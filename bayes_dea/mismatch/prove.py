@@ -8,7 +8,6 @@ their priors anew, and count by what the others make of them. What the others do
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,19 +15,19 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
-from ..gauss_newton.descent import Linearisation, reached
+from ..gauss_newton.descent import reached
 from ..gauss_newton.noise_prior import NoisePrior
 from ..gauss_newton.reduced import Piece
-from ..gauss_newton.refit import Fit, refit
+from ..gauss_newton.refit import Fit
 from ..gauss_newton.whitening import whiten
 from ..noise.blocks import block_means
+from .left_out import Repaired, refit_without
 from .readings.own_offset import offset_and_gain, own_offset_and_gain
 from .readings.own_zero import with_zeros
 from .search.frame import own_index
 from .telling import Tell, silence
 
 Array = NDArray[np.float64]
-Beside = Callable[[Piece, Array, Array], tuple[Array, Array]]
 #: width, in sds of its prior, from which on the other recordings say nothing of a parameter, and draws from that prior
 _UNTOLD, _PRIOR_DRAWS = 0.5, 32
 
@@ -59,7 +58,7 @@ class HeldOut:
 
 def proof(
     base: Fit,
-    corrected: Fit,
+    corrected: Fit | Repaired,
     pieces: tuple[Piece, ...],
     prior: NoisePrior,
     limit_m: float = math.inf,
@@ -76,32 +75,25 @@ def proof(
 
 
 def leave_out_in_turn(
-    base: Fit, corrected: Fit, prior: NoisePrior, names: tuple[str, ...] = (), tell: Tell = silence
+    base: Fit, corrected: Fit | Repaired, prior: NoisePrior, names: tuple[str, ...] = (), tell: Tell = silence
 ) -> list[HeldOut]:
     """Each fitted recording (or each of `names`) scored by refits that have not seen it."""
     out = []
-    used = base.problem.pieces
-    asked = [p for p in used if not names or p.name in names]
-    own = own_index(base, corrected.problem.model)
-    never = {corrected.problem.model.priors.free[i].name for i in _untold(corrected, own)}
+    whole = corrected if isinstance(corrected, Repaired) else Repaired(corrected)
+    model = whole.fit.problem.model
+    asked = [p for p in base.problem.pieces if not names or p.name in names]
+    own = own_index(base, model)
+    never = {model.priors.free[i].name for i in _untold(whole.fit, own)}
     for k, piece in enumerate(asked):
         tell(k, len(asked), piece.name)
-        left = [i for i, p in enumerate(used) if p is not piece]
-        rest = tuple(used[i] for i in left)
-        fits = []
-        for fit in (base, corrected):
-            known = Linearisation(fit.q, [fit.clean[i] for i in left], [fit.slopes[i] for i in left])
-            again = refit(
-                replace(fit.problem, pieces=rest), fit.q, fit.noise, prior, max_steps=3, fit_noise=False, known=known
-            )
-            fits.append(again)
-        if fits[0] is None or fits[1] is None:  # without it there is no fit that could predict it
+        first, second = refit_without(base, piece.name, prior), whole.without(piece.name, prior)
+        if first is None or second is None:  # without it there is no fit that could predict it
             continue
-        before = _predictive(fits[0], piece, np.empty(0, dtype=np.int64))
-        after = _predictive(fits[1], piece, own)
+        before = _predictive(Repaired(first), piece, np.empty(0, dtype=np.int64))
+        after = _predictive(second, piece, own)
         # what no recording tells is missed nowhere
         after = replace(after, untold=tuple(n for n in after.untold if n not in never))
-        out.append(_compared(piece, before, after, fits[1]))
+        out.append(_compared(piece, before, after, second.fit))
     return out
 
 
@@ -115,9 +107,10 @@ class _Predicted:
     untold: tuple[str, ...] = ()
 
 
-def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
-    """A recording that `fit` has not seen, over what is known of the parameters without it. own: those of effects."""
-    opened_fit, opened = with_zeros(fit, (piece,))
+def _predictive(repaired: Repaired, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
+    """A recording that a fit has not seen, over what is known of the parameters without it. own: those of effects."""
+    fit = repaired.fit
+    opened_fit, opened = with_zeros(fit, (repaired.piece(piece),))
     problem, q = replace(opened_fit.problem, pieces=opened), opened_fit.q
     untold = _untold(fit, own)
     (clean,) = problem.clean(q)
@@ -135,6 +128,7 @@ def _predictive(fit: Fit, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
     for at, weight in zip(places, weights, strict=True):
         (x,), (m,) = problem.rows(at), problem.clean(at)
         if np.isfinite(x).all() and np.isfinite(m).all():
+            x, m = repaired.predicted(opened[0], x, m)
             rows.append(x)
             densities.append(weight + _log_density(opened_fit, piece, m, spread))
             kept.append(weight)
@@ -174,25 +168,23 @@ def _draws(fit: Fit, q: Array, untold: NDArray[np.int64]) -> tuple[list[Array], 
 
 
 def held_out(
-    before: Fit, after: Fit, pieces: tuple[Piece, ...], limit_m: float = math.inf, tell: Tell = silence,
-    beside: Beside | None = None,
+    before: Fit, after: Fit | Repaired, pieces: tuple[Piece, ...], limit_m: float = math.inf, tell: Tell = silence
 ) -> list[HeldOut]:
     """Score pieces under two fits, each with its own offset, gain and mains line.
 
-    limit_m: end of the displacement sensor's range, which the second fit takes into account; beside: from its
-    predictions (n,) and block means (nb,) of a piece to those that are scored.
+    limit_m: end of the displacement sensor's range, which the second fit takes into account.
     """
+    whole = after if isinstance(after, Repaired) else Repaired(after)
     fits, rows, means = [], [], []
-    for k, unseen in enumerate((before, after)):
-        tell(k, 3, unseen.problem.model.name)
-        fit, opened = with_zeros(unseen, pieces)
+    for k, unseen in enumerate((Repaired(before), whole)):
+        tell(k, 3, unseen.fit.problem.model.name)
+        fit, opened = with_zeros(unseen.fit, [unseen.piece(p) for p in pieces])
         problem = replace(fit.problem, pieces=opened)
+        both = zip(opened, problem.rows(fit.q), problem.clean(fit.q), strict=True)
+        told = [unseen.predicted(p, x, m) for p, x, m in both]
         fits.append(fit)
-        rows.append(problem.rows(fit.q))
-        means.append(problem.clean(fit.q))
-    if beside is not None:
-        both = [beside(p, x, m) for p, x, m in zip(pieces, rows[1], means[1], strict=True)]
-        rows[1], means[1] = [x for x, _ in both], [m for _, m in both]
+        rows.append([x for x, _ in told])
+        means.append([m for _, m in told])
     out = []
     for i, piece in enumerate(pieces):
         scored = []
@@ -203,7 +195,7 @@ def held_out(
                 continue
             density = _log_density(fit, piece, _cut(piece, x[i], m[i], end))
             scored.append(_Predicted(own_offset_and_gain(piece, x[i], end), density))
-        out.append(_compared(piece, scored[0], scored[1], after))
+        out.append(_compared(piece, scored[0], scored[1], whole.fit))
     return out
 
 
@@ -237,6 +229,22 @@ def with_noise_at_rest(proved: list[HeldOut], fit: Fit, pieces: tuple[Piece, ...
     at_rest = replace(fit, noise=prior.start())
     floor = {p.name: _floor(at_rest, p) for p in pieces if p.channel in known}
     return [replace(h, noise=min(h.noise, floor.get(h.recording, math.inf))) for h in proved]
+
+
+def with_repair(proved: list[HeldOut], mended: list[HeldOut]) -> list[HeldOut]:
+    """Scores of a partial explanation, with a repair beside it where that holds on recordings it was not learned from.
+
+    mended: the scores of that, with the partial explanation for what was before; it stays told apart.
+    """
+    own = {m.recording: m for m in mended}
+    both = [(p, own[p.recording]) for p in proved if p.recording in own]
+    if len(both) < len(proved) or not sum(m.elpd_after - p.elpd_after for p, m in both) > 0.0:
+        return proved
+    return [
+        replace(m, rmse_before=p.rmse_before, elpd_before=p.elpd_before, before=p.before,
+                answered=p.answered and m.answered, untold=(*p.untold, *m.untold))
+        for p, m in both
+    ]  # fmt: skip
 
 
 def _floor(fit: Fit, piece: Piece) -> float:

@@ -34,8 +34,8 @@ from .where.locate import excess_by, where
 from .words import silent_note, statement
 
 Array = NDArray[np.float64]
-#: what the proof says of a repair beside the best partial explanation
-_OF_REPAIR = ("rmse_before_m", "rmse_after_m", "elpd_gain", "elpd_gain_se")
+#: what the proof says of a repair beside the best partial explanation, the forces where there are some
+_OF_REPAIR = ("rmse_before_m", "rmse_after_m", "rmse_before_N", "rmse_after_N", "elpd_gain", "elpd_gain_se")
 #: how what is said of a recording of another actuator begins
 ANOTHER = "of another actuator"
 #: places (n, k) of the parameters that effects add, in their coordinates and order, and weights (n,)
@@ -122,7 +122,7 @@ def summarise(
         out["repair"] = judged.mended
     if mended:
         whole = proof_summary(list(mended), how)
-        out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR}
+        out["proof"]["repair"] = {k: whole[k] for k in _OF_REPAIR if k in whole}
     out["next_command"] = calibrate_command(out, campaign_words(campaign))
     out["statement"] = statement(out, naming, physics[verdict], judged.ruling.delays_s)
     if silent(naming):

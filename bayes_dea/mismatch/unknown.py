@@ -19,6 +19,7 @@ from ..gauss_newton.noise_prior import NoisePrior
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit, refit
 from ..gauss_newton.whitening import whiten_columns
+from .left_out import Repaired, beside_rows, refit_without
 from .search.naming import Explanation
 from .where.discrepancy import AMPLITUDES_M
 from .where.features import Features, features
@@ -74,25 +75,47 @@ class Reach:
 
 @dataclass(frozen=True)
 class Terms:
-    """Linear terms beside a fit, in the unit of a channel's readings; the fit has moved along with them."""
+    """Linear terms beside a fit, in the unit of a channel's readings, and what they were learned from."""
 
     fit: Fit
     channel: str
     reach: Reach
-    coefficients: Array  # (terms,), 0 of those that were not chosen
+    chosen: tuple[int, ...]
+    found: Regression
 
-    def by_block(self, piece: Piece, look: Features, clean: Array) -> Array:
-        """What they add to the predicted block means (nb,) of a recording, the sensor's gain taken out."""
-        if piece.channel != self.channel:
-            return np.zeros(clean.size)
-        _, gains = self.fit.problem.beside(self.fit.q)
-        return np.asarray(self.coefficients @ _shapes(look, clean, self.reach)) / (1.0 + float(gains[piece.group]))
+    def repaired(self, prior: NoisePrior) -> Repaired:
+        """The fit with them, moved along."""
+        return self._beside(self.fit, self.found.solved(self.chosen)[0], prior)
 
-    def added(self, piece: Piece, rows: Array, clean: Array) -> tuple[Array, Array]:
-        """Predictions (n,) and block means (nb,) of a recording with them."""
-        look = features(piece)
-        beside = self.by_block(piece, look, clean)
-        return rows + np.interp(piece.recording.time_s, look.time_s, beside), clean + beside
+    def _without(self, name: str, prior: NoisePrior) -> Repaired | None:
+        """Learned without a recording."""
+        fit = refit_without(self.fit, name, prior)
+        if fit is None:
+            return None
+        place = [p.name for p in self.fit.problem.pieces].index(name)
+        return self._beside(fit, self.found.solved(self.chosen, place)[0], prior)
+
+    def _beside(self, fit: Fit, coefficients: Array, prior: NoisePrior) -> Repaired:
+        """A fit with such coefficients (k,) beside it, refitted to what they leave of the readings."""
+
+        def own(piece: Piece, clean: Array) -> Array:
+            """What they add to readings (nb,)."""
+            if piece.channel != self.channel:
+                return np.zeros(clean.size)
+            shapes = _shapes(features(piece), clean, self.reach)
+            return np.asarray(coefficients @ shapes[list(self.chosen)])
+
+        left = tuple(replace(p, y=p.y - own(p, x)) for p, x in zip(fit.problem.pieces, fit.clean, strict=True))
+        beside, known = replace(fit.problem, pieces=left), fit.linearisation
+        moved = refit(beside, fit.q, fit.noise, prior, fit_noise=False, coarse=True, known=known)
+        there = fit if moved is None else replace(fit, q=moved.q)
+        _, gains = fit.problem.beside(there.q)
+
+        def added(piece: Piece, rows: Array, means: Array) -> tuple[Array, Array]:
+            # it stands beside what the sensor's gain is on
+            return beside_rows(piece, rows, means, own(piece, means) / (1.0 + float(gains[piece.group])))
+
+        return Repaired(there, added=added, again=self._without)
 
 
 def _shapes(f: Features, clean: Array, reach: Reach) -> Array:
@@ -160,7 +183,7 @@ class Regression:
         return sum(self.misfit(chosen, i, i) for i in range(self.squares.size))
 
 
-def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple[dict[str, Any], Terms | None]:
+def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple[dict[str, Any], Repaired | None]:
     """Linear terms beside the best fit, each with its size.
 
     They are chosen one after the other by what they explain of recordings that they were not learned from, each left
@@ -168,7 +191,7 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
 
     Returns the "repair" of diagnosis.json: the stage most of the mismatch lives in, what it acts on, a form in words,
     and the terms in m (N where only forces were read; sd from the regression, inclusion probability from the difference
-    in BIC); and the terms themselves, None where none was chosen.
+    in BIC); and the fit with them, None where none was chosen.
     """
     fit = best.weighed.fit
     res = residuals(fit)
@@ -211,20 +234,5 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
         )
     words = " + ".join(f"{t['mean'] * factor:.2g} {shown} x ({t['term']})" for t in terms)
     _, stage, acts = _TERMS[chosen[0]]
-    coefficients = np.zeros(len(_TERMS))
-    coefficients[chosen] = c
-    return {**told, "stage": stage, "acts_on": acts, "form": words, "terms": terms}, _moved_along(
-        Terms(fit, channel, reach, coefficients), looks, prior
-    )
-
-
-def _moved_along(terms: Terms, looks: list[Features], prior: NoisePrior) -> Terms:
-    """The same with the fit refitted to what they leave of the readings."""
-    fit = terms.fit
-    pieces = [
-        replace(p, y=p.y - (1.0 + float(fit.problem.beside(fit.q)[1][p.group])) * terms.by_block(p, f, x))
-        for p, f, x in zip(fit.problem.pieces, looks, fit.clean, strict=True)
-    ]
-    beside = replace(fit.problem, pieces=tuple(pieces))
-    found = refit(beside, fit.q, fit.noise, prior, fit_noise=False, coarse=True, known=fit.linearisation)
-    return terms if found is None else replace(terms, fit=replace(fit, q=found.q))
+    learned = Terms(fit, channel, reach, tuple(chosen), found)
+    return {**told, "stage": stage, "acts_on": acts, "form": words, "terms": terms}, learned.repaired(prior)

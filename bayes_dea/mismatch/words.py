@@ -70,12 +70,13 @@ def statement(
         if refused(naming.skipped):
             what = "that nothing which can be weighed explains"
         text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
+        numbers = _proved(_without_repair(proof))
         if partial != NONE:
             part, end = f" The best partial explanation is {partial}; it does not mend all", _at_its_end(naming)
             if naming.best.adequate:  # more of it is not what is missing
                 part, end = f" It is likelier than {partial}, though that leaves nothing that a test can see", ""
             text += f"{part}{f': {numbers}' if numbers else ''}.{end}"
-        return text + _carries_over(fix, proof)
+        return text + _carries_over(fix, proof, partial)
     told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
     values: dict[str, float] = {k: Measured(v["mean"], v["sd"], v["q05"], v["q95"]) for k, v in told.items()}
     effects: tuple[str, ...] = ()
@@ -106,17 +107,50 @@ def _shown_most(summary: dict[str, Any]) -> str:
     return f" {w['recording']} shows it most, from {w['t_start_s']:.3f} to {w['t_end_s']:.3f} s ({w['what']})."
 
 
-def _carries_over(fix: Mapping[str, Any], proof: dict[str, Any]) -> str:
+def _without_repair(proof: dict[str, Any]) -> dict[str, Any]:
+    """The proof of the best partial explanation alone, of one that counts a repair beside it as well."""
+    tried = proof.get("repair")
+    if tried is None or not _holds(tried):
+        return proof
+    after = {f"rmse_after_{u}": tried[f"rmse_before_{u}"] for u in ("m", "N") if f"rmse_before_{u}" in tried}
+    gain = None if proof["elpd_gain"] is None else proof["elpd_gain"] - tried["elpd_gain"]
+    return {**proof, **after, "elpd_gain": gain}
+
+
+def _holds(tried: Mapping[str, Any]) -> bool:
+    """Whether a repair gains on recordings that it was not learned from."""
+    return tried["elpd_gain"] is not None and tried["elpd_gain"] > 0.0
+
+
+def _carries_over(fix: Mapping[str, Any], proof: dict[str, Any], partial: str) -> str:
     """The form of a repair, and whether it holds on recordings that it was not learned from."""
     tried = proof.get("repair")
     if not fix.get("terms") or tried is None or tried["elpd_gain"] is None:
         return ""
-    if tried["elpd_gain"] > 0.0:
-        return (
-            f" Beside it, {fix['form']} gains {tried['elpd_gain']:.3g} nats of log predictive density (ELPD) on the "
-            "recordings that it never saw."
-        )
-    return f" What is left beside it looks like {fix['form']}, but not on the recordings that it never saw."
+    unseen = "recordings left out in turn" if proof["how"] == "left out in turn" else "the recordings that it never saw"
+    # what has a name was described by its own note
+    place, form = _place(fix, partial), f"the {fix['terms'][0]['term']}" if "beside" in fix else fix["form"]
+    gains = _holds(tried)
+    if not gains or (proof["elpd_gain"] or 0.0) <= 0.0:
+        but = f"but {'with it, too, the model given is better' if gains else 'not'} on {unseen}"
+        if fix.get("beside", partial) == partial:
+            return f" What is left{'' if partial == NONE else ' beside it'} looks like {form}, {but}."
+        return f" {form[0].upper()}{form[1:]} {place} helps where it was learned, {but}."
+    before, after = tried["rmse_before_m"], tried["rmse_after_m"]
+    falls = before is not None and after is not None and before - after > _MOVES * before
+    error = f", and their error falls from {1e6 * before:.3g} to {1e6 * after:.3g} um" if falls else ""
+    lead = f"{place}, {form}" if place else form
+    nats = f"{tried['elpd_gain']:.3g} nats of log predictive density (ELPD)"
+    return f" {lead[0].upper()}{lead[1:]} gains {nats} on {unseen}{error}."
+
+
+def _place(fix: Mapping[str, Any], partial: str) -> str:
+    """Where a repair stands: beside the best partial explanation, or in its place; empty where nothing explains a part.
+    """
+    beside = fix.get("beside", partial)
+    if beside == partial:
+        return "" if partial == NONE else "beside it"
+    return "in its place" if beside == NONE else f"in its place beside {beside}"
 
 
 def _at_its_end(naming: Naming) -> str:

@@ -97,10 +97,9 @@ def test_its_size_is_found_from_where_it_began(start):
     )  # fmt: skip
     read = refit(replace(problem, pieces=pieces), fit.q, prior.start(), prior)
     sizes = {s: play_of(read, prior, read.log_evidence, s) for s in (0.0, 1.0)}
-    mean, sd, height = sizes[start]
-    assert abs(mean - 2.5e-6) < 4 * sd < 0.5e-6
-    other = sizes[1.0 - start]
-    assert other is None or other[2] < height
+    own, other = sizes[start], sizes[1.0 - start]
+    assert abs(own.mean - 2.5e-6) < 4 * own.sd < 0.5e-6
+    assert other is None or other.log_evidence < own.log_evidence
 
 
 def test_what_is_nearly_as_likely_is_a_rival_and_no_verdict():

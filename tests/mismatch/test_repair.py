@@ -56,7 +56,7 @@ def test_a_term_is_found_and_carries_over(plain):
     fit = refit(problem, result.base.q, result.base.noise, prior, fit_noise=False)
     best = replace(result.naming.best, weighed=replace(result.naming.best.weighed, fit=fit))
     assert isinstance(best, Explanation)
-    told, terms = repair(best, [features(p) for p in problem.pieces], prior)
+    told, repaired = repair(best, [features(p) for p in problem.pieces], prior)
     assert told["stage"] == "mechanical"
     assert told["acts_on"] == "strain rate"
     (term,) = told["terms"]
@@ -65,25 +65,25 @@ def test_a_term_is_found_and_carries_over(plain):
     assert term["mean"] == pytest.approx(3e-6 * top / 1e4, abs=4 * term["sd"])
     assert term["sd"] < 0.1 * term["mean"]
     held = with_term([p for p in reduce_campaign(result.assembled) if not p.identify], 3e-6)
-    for row in held_out(fit, terms.fit, held, beside=terms.added):
+    for row in held_out(fit, repaired, held):
         assert row.elpd_after > row.elpd_before
     assert min(r.elpd_after - r.elpd_before for r in held_out(result.base, fit, held)) < 0.0
 
 
 def test_noise_has_no_repair(plain):
     result, prior = plain
-    told, terms = repair(result.naming.best, result.looks, prior)
-    assert terms is None
+    told, repaired = repair(result.naming.best, result.looks, prior)
+    assert repaired is None
     assert told["terms"] == []
 
 
 @pytest.mark.long
 def test_what_the_proof_says_of_a_repair():
-    """Crosstalk of the command's edges: a term of the first 30 ms after an edge goes with it on rectangles of 10 Hz."""
+    """Crosstalk of the command's edges: learned on those to identify, it holds on rectangles of 10 Hz."""
     crosstalk = {"edge_crosstalk": {"crosstalk_m_per_V": 3e-8, "tau_crosstalk_s": 5e-3}}
     s = diagnose(concealed(crosstalk), "hooke+gm3", seed=1).summary
     assert s["verdict"] == "unknown"
-    assert s["repair"]["acts_on"] == "edges"
+    assert s["repair"]["acts_on"] == "edges of the command"
     assert s["proof"]["repair"]["elpd_gain"] > 0.0
     assert "nats of log predictive density" in s["statement"]
     begin, end = re.search(r"shows it most, from ([\d.]+) to ([\d.]+) s", s["statement"]).groups()

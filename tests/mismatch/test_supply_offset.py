@@ -69,5 +69,6 @@ def test_a_small_one_is_found_where_the_sensor_is_fine():
     """Of 2 V: at 5 V the recordings are met worse than at none."""
     problem, prior, q = problem_of(commanded(2.0, scale=0.05))
     fit = refit(problem, q, prior.start(), prior)
-    volts, sd, _ = offset_of(fit, prior, fit.log_evidence)
+    found = offset_of(fit, prior, fit.log_evidence)
+    volts, sd = found.mean, found.sd
     assert abs(volts - 2.0) < 4 * sd < 2.0

@@ -22,12 +22,13 @@ from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
 from ...gauss_newton.whitening import Shared
 from ...models.supply_kernel import lagged
+from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
 from ..search.weigh import Weighed, within_reach
 from .one_number import Peak, parabola
-from .shared_column import coefficient, left
+from .shared_column import coefficient, in_column, left
 from .unlisted import AFTER_AN_EDGE, CLEAR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ class EdgeCrosstalk(Unlisted):
 
     def form(self) -> str:
         """What it does, in words."""
-        return f"crosstalk of {self._size()}"
+        return f"a crosstalk of {self._size()}"
 
     def _size(self) -> str:
         size, sd = (1e6 * _EDGE_V * x for x in (self.mean, max(self.sd, 5e-12)))
@@ -97,18 +98,20 @@ def _instead(
         return None
     return EdgeCrosstalk(
         found.mean_m / _EDGE_V, found.sd_m / _EDGE_V, found.log_evidence + claimed.cost(rest), found.log_evidence,
-        rest.name, "+".join(replaced), found.tau_s,
+        rest.name, found.repaired, "+".join(replaced), found.tau_s,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Found:
-    """Log evidence of a crosstalk beside a fit, what an edge of `_EDGE_V` adds (m) with its sd, the time constant."""
+    """Log evidence of a crosstalk beside a fit, what an edge of `_EDGE_V` adds (m) with its sd, the time constant, and
+    the fit with it."""
 
     log_evidence: float
     mean_m: float
     sd_m: float
     tau_s: float
+    repaired: Repaired
 
 
 def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf) -> Found | None:
@@ -150,7 +153,8 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf
         near = min((t for t in fits if t != top), key=lambda t: abs(math.log(t / top)))
         slope = (coefficient(fits[near])[0] - mean) / math.log(near / top)
         sd = math.hypot(sd, slope * peak.sd)
-    return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top)
+    repaired = in_column(fits[top], lambda piece: crosstalk_column(piece, top))
+    return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top, repaired)
 
 
 def _about(height: dict[float, float]) -> list[float]:

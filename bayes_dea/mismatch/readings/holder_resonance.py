@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +21,17 @@ from scipy.special import logsumexp
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.reduced import Piece
-from ...gauss_newton.refit import Fit
+from ...gauss_newton.refit import Fit, refit
 from ...gauss_newton.whitening import Shared
 from ...models.plant import Plant
 from ...models.simulate_plant import simulate_nodes
 from ...models.supply_kernel import swinging
+from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
 from ..search.weigh import Weighed, within_reach
-from .shared_column import coefficient, left
+from .shared_column import coefficient, in_column, left, without_column
 from .unlisted import AFTER_AN_EDGE, CLEAR, PRIOR, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
@@ -64,7 +66,7 @@ class HolderResonance(Unlisted):
 
     def form(self) -> str:
         """What it does, in words."""
-        return f"resonance at {self._size()}"
+        return f"a resonance at {self._size()}"
 
     def _size(self) -> str:
         mean, sd = 100.0 * abs(self.mean), 100.0 * max(self.sd, 1e-6)
@@ -116,20 +118,21 @@ def _behind(naming: Naming, name: str) -> float:
 
 def _told(found: Found, lead: float, beside: str) -> HolderResonance:
     return HolderResonance(
-        found.share, found.share_sd, lead, found.log_evidence, beside, found.frequency_Hz, found.zeta
+        found.share, found.share_sd, lead, found.log_evidence, beside, found.repaired, found.frequency_Hz, found.zeta
     )
 
 
 @dataclass(frozen=True)
 class Found:
     """Log evidence of a resonance beside a fit, the share of a step by which it rings with its sd, its frequency and
-    damping ratio."""
+    damping ratio, and the fit with it."""
 
     log_evidence: float
     share: float
     share_sd: float
     frequency_Hz: float
     zeta: float
+    repaired: Repaired
 
 
 def resonance_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf) -> Found | None:
@@ -156,8 +159,29 @@ def resonance_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf
     best = max(known, key=lambda f: f.log_evidence)
     # by what is linear how far the evidence goes beside that of the best place
     spread = float(logsumexp(gained - gained[top], b=share_of_prior))
-    share, sd = coefficient(best)
-    return Found(best.log_evidence + spread, share, sd, *places[top])
+    at, there = _closely(best, places[top], float(gained[top]), prior)
+    share, sd = coefficient(there)
+    repaired = in_column(there, partial(_at_place, there, at))
+    return Found(best.log_evidence + spread, share, sd, *at, repaired)
+
+
+def _closely(
+    best: Fit, place: tuple[float, float], nats: float, prior: NoisePrior
+) -> tuple[tuple[float, float], Fit]:
+    """The place of a resonance as closely as so many nats tell it, and the fit there: steps of a quarter each, until a
+    half of the last is worth no nat."""
+    at, base = place, without_column(best)
+    step, ratio = _CLOSE * place[1], math.log(2.0) / _ZETA_STEPS
+    while nats * ratio**2 > 1.0:
+        step, ratio = 0.25 * step, 0.25 * ratio
+        moves = range(-2, 3)
+        near = [(at[0] * math.exp(i * step), at[1] * math.exp(j * ratio)) for i in moves for j in moves]
+        at = near[int(np.argmax(promise(base, near)))]
+    if at == place:
+        return place, best
+    beside = replace(best.problem, shared=Shared(columns(base, [at])))
+    there = refit(beside, best.q, best.noise, prior)
+    return (place, best) if there is None or there.log_evidence < best.log_evidence else (at, there)
 
 
 def _everywhere() -> list[tuple[float, float]]:
@@ -196,6 +220,12 @@ def columns(fit: Fit, places: list[tuple[float, float]]) -> list[Array]:
     """By piece what a resonance at each place adds to the block means (k, nb), over its share of a step."""
     plants = fit.problem.plants(fit.q)
     return [_of_piece(p, plant, places) for p, plant in zip(fit.problem.pieces, plants, strict=True)]
+
+
+def _at_place(fit: Fit, place: tuple[float, float], piece: Piece) -> Array:
+    """What a resonance adds to the block means (nb,) of a recording that may not have been fitted, over its share."""
+    (plant,) = replace(fit.problem, pieces=(piece,)).plants(fit.q)
+    return _of_piece(piece, plant, [place])[0]
 
 
 def _of_piece(piece: Piece, plant: Plant, places: list[tuple[float, float]]) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.refit import Fit, refit
+from ..left_out import Repaired
 
 #: nats that a parabola through three places may be off by
 _SLACK = 10.0
@@ -25,10 +26,28 @@ class Peak:
     height: float
 
 
+@dataclass(frozen=True)
+class Highest(Peak):
+    """The peak, and the best fit that was made, at a number near by."""
+
+    near: float
+    fit: Fit
+
+
+@dataclass(frozen=True)
+class Sized:
+    """A number beside a fit with its sd, the log evidence with it integrated out, and the fit with it."""
+
+    mean: float
+    sd: float
+    log_evidence: float
+    repaired: Repaired
+
+
 def highest(
     fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float,
     beyond: float,
-) -> Peak | None:
+) -> Highest | None:
     """The peak along a number that is zero in a fit and positive else; None where it is zero, or surely not so high.
 
     changed: a problem, that of the fit, with the number. first: where is looked first, doubled up to the largest as
@@ -66,7 +85,8 @@ def highest(
             at(round(max(x, 0.0), digits))
         top = max(fits, key=at)
     near = sorted(sorted(fits, key=lambda v: abs(v - top))[:3])
-    return parabola(near, list(map(at, near)))
+    peak, best = parabola(near, list(map(at, near))), fits[top]
+    return None if peak is None or best is None else Highest(peak.at, peak.sd, peak.height, top, best)
 
 
 def parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:

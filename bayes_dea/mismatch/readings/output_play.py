@@ -19,9 +19,10 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
+from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
-from .one_number import highest
+from .one_number import Sized, highest
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 _FRICTION = "rate_independent_hysteresis"
@@ -71,7 +72,10 @@ def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | Non
     cost = claimed.cost(rest) - math.log(len(_FROM))
     beyond = (CLEAR if named == UNKNOWN else -_RIVAL) - cost
     found = [play_of(rest.fit, prior, beyond, start) for start in _FROM]
-    return clearest(OutputPlay(at[0], at[1], at[2] + cost, at[2], rest.name) for at in found if at is not None)
+    return clearest(
+        OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
+        for at in found if at is not None
+    )  # fmt: skip
 
 
 def _hints(naming: Naming) -> bool:
@@ -80,8 +84,8 @@ def _hints(naming: Naming) -> bool:
     return alone is not None and alone.refitted and alone.log_evidence > naming.none.weighed.log_evidence + _HINTS
 
 
-def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> tuple[float, float, float] | None:
-    """A play (m) beside a fit, its sd, and the log evidence with it, where this lies beyond so many nats; else None.
+def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> Sized | None:
+    """A play (m) beside a fit, where the log evidence with it lies beyond so many nats; else None.
 
     start: where in it the recordings begin, -1 to 1 (see `Plant`).
     """
@@ -95,7 +99,9 @@ def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> t
     # integrated out, with its prior
     density = 1.0 / (peak.at * math.log(_MOST_M / _LEAST_M))
     total = peak.height + math.log(math.sqrt(2.0 * math.pi) * peak.sd * density)
-    return (peak.at, peak.sd, total) if total > beyond else None
+    if total <= beyond:
+        return None
+    return Sized(peak.at, peak.sd, total, Repaired(peak.fit, lambda piece: with_play(piece, peak.near, start)))
 
 
 def with_play(piece: Piece, play_m: float, start: float = 0.0) -> Piece:

@@ -17,9 +17,10 @@ from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
 from ...likelihood.plant_group import Reading
 from ...models.nodes import Nodes
+from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
-from .one_number import highest
+from .one_number import Sized, highest
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 #: sd (V) of the prior of an offset, the largest that is looked for, and where is looked first
@@ -48,7 +49,7 @@ class SupplyOffset(Unlisted):
 
     def form(self) -> str:
         """What it does, in words."""
-        return f"command + {self.mean:.2g} V"
+        return f"an offset of {self.mean:.2g} V on every command"
 
 
 def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
@@ -65,12 +66,12 @@ def supply_offset(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | N
         cost = claimed.cost(rest)
         at = offset_of(rest.fit, prior, CLEAR - cost)
         if at is not None:
-            found.append(SupplyOffset(at[0], at[1], at[2] + cost, at[2], rest.name))
+            found.append(SupplyOffset(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired))
     return clearest(found)
 
 
-def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> tuple[float, float, float] | None:
-    """V_0 (V) beside a fit, its sd, and the log evidence with it, where this may lie beyond so many nats; else None.
+def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> Sized | None:
+    """V_0 (V) beside a fit, where the log evidence with it may lie beyond so many nats; else None.
 
     None as well where it is below zero, which has a name.
     """
@@ -85,7 +86,9 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> tuple[float, float,
     precision = 1.0 / peak.sd**2 + 1.0 / _SD_V**2
     mean = peak.at / peak.sd**2 / precision
     total = peak.height - 0.5 * peak.at**2 / (peak.sd**2 + _SD_V**2) - 0.5 * math.log(precision * _SD_V**2)
-    return (mean, precision**-0.5, total) if total > beyond else None
+    if total <= beyond:
+        return None
+    return Sized(mean, precision**-0.5, total, Repaired(peak.fit, lambda piece: with_offset(piece, peak.near)))
 
 
 def with_offset(piece: Piece, volts: float) -> Piece:

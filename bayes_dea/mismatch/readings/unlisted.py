@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from ...gauss_newton.descent import value_at
 from ...gauss_newton.noise_prior import NoisePrior
+from ..left_out import Repaired
 from ..search.hypotheses import NONE, UNKNOWN, extended, prior_odds
 from ..search.naming import Naming
 from ..search.relabel import FURTHER, within
@@ -29,7 +30,8 @@ AFTER_AN_EDGE = frozenset({FURTHER, "charge_retention", "dielectric_absorption",
 @dataclass(frozen=True)
 class Unlisted(ABC):
     """What it comes to, the standard deviation of that, nats by which it leads what was named, prior odds in, and the
-    log evidence. stage, acts_on: where it lives; term, unit: the name of what it comes to."""
+    log evidence. stage, acts_on: where it lives; term, unit: the name of what it comes to; repaired: the fit with it.
+    """
 
     stage: ClassVar[str]
     acts_on: ClassVar[str]
@@ -41,6 +43,7 @@ class Unlisted(ABC):
     lead: float
     log_evidence: float
     beside: str  # what else is in the model
+    repaired: Repaired = field(repr=False, compare=False)
 
     @property
     def clear(self) -> bool:
@@ -55,7 +58,8 @@ class Unlisted(ABC):
         """The "repair" of diagnosis.json (see `unknown.repair`)."""
         likely = 1.0 / (1.0 + math.exp(-min(self.lead, 500.0)))
         term = {"term": self.term, "mean": self.mean, "sd": self.sd, "unit": self.unit, "inclusion_probability": likely}
-        return {"stage": self.stage, "acts_on": self.acts_on, "form": self.form(), "terms": [term], "partial": partial}
+        return {"stage": self.stage, "acts_on": self.acts_on, "form": self.form(), "terms": [term], "partial": partial,
+                "beside": self.beside}  # fmt: skip
 
     @abstractmethod
     def form(self) -> str:
