@@ -7,7 +7,7 @@ from concealed_campaigns import concealed, problem_of, weigher
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
-from bayes_dea.mismatch.search.shifted import read_early_or_late
+from bayes_dea.mismatch.search.shifted import either_read_early_or_late, read_early_or_late
 from bayes_dea.mismatch.search.weigh import Weighed
 
 LATE_S = 4e-4
@@ -50,3 +50,14 @@ def test_it_is_asked_only_where_it_may_be(explained):
     assert read_early_or_late(pair, first, None, bound) == []  # no delay may be added
     slow = Weighed(("dielectric_absorption", "sensor_drift"), pair.fit, pair.log_evidence, 0.1, 1e-6)
     assert read_early_or_late(slow, first, None, quest) == []  # what the second does no shift does
+
+
+def test_each_of_two_is_read_with_a_shift_where_it_is_known_alone(explained):
+    quest, first, pair, _ = explained
+    mass = Weighed(("inertia",), pair.fit, pair.log_evidence, 0.1, 1e-6)
+    (found,) = either_read_early_or_late(pair, {first.name: first}, quest)
+    assert set(found.effects) == {"acquisition_delay", "sensor_drift"}
+    # a drift is nothing that a shift is: the mass is not tried with one in its place
+    both = either_read_early_or_late(pair, {first.name: first, mass.name: mass}, quest)
+    assert [w.effects for w in both] == [found.effects]
+    assert either_read_early_or_late(pair, {first.name: first, found.name: found}, quest) == []

@@ -53,7 +53,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
-from .shifted import read_early_or_late, shifted_rivals
+from .shifted import either_read_early_or_late, read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 from .work_of_a_mode import instead_of_a_mode
@@ -429,6 +429,7 @@ class _Search:
             swapped = in_place_of_the_first(start, more, self.known.counting, self.quest)
             swapped += beside_the_next(start, more + swapped, self.known.counting, self.quest)
             more += self._taken(swapped)
+            more += self._taken(self._swapped_and_shifted(start, more))
         top = top_of([start, *more], start)
         if not self.quest.explained_by(top.fit):
             shifted = mass_read_early_or_late(top, self.known.weighed, self.quest)
@@ -442,6 +443,13 @@ class _Search:
             if not self.quest.explained_by(top_of(more, start).fit):
                 more += self._taken(helped_elsewhere(start, more, self.known.counting, self.quest))
         return more
+
+    def _swapped_and_shifted(self, start: Weighed, pairs: list[Weighed]) -> list[Weighed]:
+        """What took the place of the first effect beside another one, read early or late instead of with either."""
+        top = max(pairs, key=self.known.weight, default=start)
+        if len(top.effects) != 2 or start.effects[0] in top.effects:
+            return []
+        return either_read_early_or_late(top, self.known.weighed, self.quest)
 
     def _in_place_of_a_mode(self, start: Weighed) -> list[Weighed]:
         """Further effects beside what leaves something, where a mode of the base may do badly what one of them does."""

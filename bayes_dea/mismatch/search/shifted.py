@@ -8,7 +8,7 @@ a damper read late; no search beside the mass comes across the damper.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +62,17 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
         if fit is not None:
             out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(first.fit, fit)))
     return sorted(out, key=lambda w: w.log_evidence)[-1:]
+
+
+def either_read_early_or_late(pair: Weighed, weighed: Mapping[str, Weighed], quest: Quest) -> list[Weighed]:
+    """Each of two effects with a shift of half a sample instead of the other."""
+    out = []
+    for name in pair.effects:
+        single = weighed.get(name)
+        if single is not None:
+            known = weighed.get("+".join(together((name,), DELAY)))
+            out += read_early_or_late(pair, single, known, quest)
+    return out
 
 
 def shifted_by(fit: Fit, model: Model, part: float) -> Array | None:
