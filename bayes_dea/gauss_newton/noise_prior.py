@@ -61,7 +61,9 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
     """From the quiet stretches of all recordings, pooled by channel and sampling rate."""
     log_sigma, atanh_rho = {}, {}
     for c in assembled.posterior.channels:
-        members = rested([p for p in assembled.prepared if p.channel == c.channel])
+        every = [p for p in assembled.prepared if p.channel == c.channel]
+        fitted = [p for p in every if p.recording.role == "identify"] or every
+        members = rested(every)
         if not any(p.quiet_n for p in members):
             # nothing was at rest: what was taken for white noise need not be
             log_sigma[c.channel] = (math.log(c.sigma_guess), UNSEEN_LOG_SD)
@@ -69,20 +71,18 @@ def noise_prior(assembled: Assembled) -> NoisePrior:
             continue
         # a clipped sensor may stand still to the last digit: that says nothing of the others
         levels = [math.log(p.quiet_sd) for p in members if p.quiet_sd > 1e-3 * c.sigma_guess]
-        known = max(_spread(levels, SIGMA_LOG_SD), _chance(members)[0])
+        # how well a level is known those say that it is of; how alike levels are, all
+        known = max(_spread(levels, SIGMA_LOG_SD), _chance(rested(fitted, every))[0])
         log_sigma[c.channel] = (math.log(c.sigma_guess), min(known, UNSEEN_LOG_SD))
         rhos = []
         for j, guess in enumerate(c.rho_guess):
-            own = [
-                p
-                for p in rested([p for p in assembled.prepared if p.channel == c.channel and c.rates.of(p) == j])
-                if p.quiet_n and np.isfinite(p.quiet_rho)
-            ]
+            ours, all_of_them = ([p for p in some if c.rates.of(p) == j] for some in (fitted, every))
+            own = [p for p in rested(all_of_them) if p.quiet_n and np.isfinite(p.quiet_rho)]
             # at a rate at which nothing was at rest it is not known either
             spread = UNSEEN_RHO_SD
             if own:
                 values = [math.atanh(float(np.clip(p.quiet_rho, -0.999, MOST_RHO))) for p in own]
-                spread = min(max(_spread(values, RHO_SD), _chance(own)[1]), UNSEEN_RHO_SD)
+                spread = min(max(_spread(values, RHO_SD), _chance(rested(ours, all_of_them))[1]), UNSEEN_RHO_SD)
             rhos.append((math.atanh(float(np.clip(guess, -0.995, MOST_RHO))), spread))
         atanh_rho[c.channel] = tuple(rhos)
     return NoisePrior(log_sigma, atanh_rho)

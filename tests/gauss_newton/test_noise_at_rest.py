@@ -7,16 +7,18 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 from bench_campaigns import bench_campaign
-from concealed_campaigns import concealed
+from concealed_campaigns import concealed, problem_of
 from scipy.signal import lfilter
 
 from bayes_dea.assemble import assemble
 from bayes_dea.bench.nuisance import ChannelFaults, Faults
 from bayes_dea.bench.plan import CampaignPlan, RecordingPlan
 from bayes_dea.bench.protocols import Creep, Wave
-from bayes_dea.gauss_newton.noise_prior import UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
+from bayes_dea.gauss_newton.noise_prior import RHO_SD, SIGMA_LOG_SD, UNSEEN_LOG_SD, UNSEEN_RHO_SD, noise_prior
+from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.likelihood.prepare import rested
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.search.weigh import excess
 from bayes_dea.models.model import build_model
 
 SIGMA, RHO = 4.7e-6, 0.7
@@ -108,3 +110,42 @@ def test_those_at_rest_for_long_come_first_then_others_then_all():
     assert rested([none, short]) == [short]
     assert rested([none], [short, long, none]) == [long]
     assert rested([none, none], [none]) == [none, none]
+
+
+@pytest.fixture(scope="module")
+def touched_soon():
+    """A press to identify that was at rest for 64 readings, which scatter by too little; one to validate that is long.
+    """
+    campaign = concealed(pressed=True, seed=3)
+    assembled = assemble(campaign, build_model("hooke+gm3"))
+    few = {"compression.csv": {"quiet_n": 64, "quiet_sd": 4.2e-3, "quiet_rho": -0.1},
+           "relaxation.csv": {"quiet_n": 12000, "quiet_sd": 5e-3, "quiet_rho": 0.0}}  # fmt: skip
+    prepared = tuple(replace(p, **few.get(p.name, {})) for p in assembled.prepared)
+    known = assembled.posterior.channels
+    channels = tuple(replace(c, sigma_guess=4.2e-3) if c.channel == "force" else c for c in known)
+    posterior = replace(assembled.posterior, channels=channels)
+    return replace(assembled, prepared=prepared, posterior=posterior)
+
+
+def test_a_level_is_known_as_well_as_the_readings_say_that_it_is_of(touched_soon):
+    prior = noise_prior(touched_soon)
+    # 1 / sqrt(2 n), whatever recordings to validate say of theirs
+    assert prior.log_sigma["force"][1] == pytest.approx(1.0 / math.sqrt(2.0 * 64.0), rel=0.03)
+    assert prior.atanh_rho["force"][0][1] == pytest.approx(1.0 / 8.0, rel=0.03)
+    assert prior.log_sigma["displacement"][1] == SIGMA_LOG_SD
+    assert prior.atanh_rho["displacement"][0][1] == RHO_SD
+
+
+def test_what_few_readings_say_too_little_of_is_no_misfit(touched_soon):
+    prior = noise_prior(touched_soon)
+    problem, _, q = problem_of(concealed(pressed=True, seed=3))
+    fit = refit(problem, q, prior.start(), prior)
+    # the noise of forces is a fifth larger than they say, and all of it would be misfit
+    chi2 = float(problem.sums(fit.q, prior.start(), fit.clean, [])[0][0, 0])
+    n = sum(p.blocks.n for p in problem.pieces)
+    assert 0.5 * (chi2 - n) > 150.0
+    assert abs(excess(fit, prior)) < 80.0
+    # but not what is no noise
+    bent = tuple(replace(p, y=p.y * 1.1) if p.channel == "force" else p for p in problem.pieces)
+    wrong = replace(fit, problem=replace(problem, pieces=bent))
+    assert excess(wrong, prior) > 1000.0

@@ -16,9 +16,10 @@ from scipy.special import erfcx
 
 from ...gauss_newton.descent import approach, inner_bounds, prior_derivatives
 from ...gauss_newton.laws import laws_in
-from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.noise_prior import SIGMA_LOG_SD, NoisePrior
 from ...gauss_newton.problem import Kept, Problem
 from ...gauss_newton.refit import Fit, refit
+from ...gauss_newton.whitening import whiten
 from ...models.model import Model
 from ...priors import Prior
 from ..where.size import effect_size
@@ -35,6 +36,8 @@ _LOOKS = (-0.3, -0.1, -0.03, -0.012, -0.005, 0.005, 0.012, 0.03, 0.1, 0.3)
 _NARROW, _WIDE = 0.12, 0.5
 #: steps of a descent of what is dear before it may be given up: the first ones of what rings promise little
 _PATIENCE = 2
+#: sds by which a channel that few readings tell the noise of may scatter by more than they say
+_NOISE_SDS = 2.0
 #: how well the frequency that a mass rings at is known from its stiffness
 _MIRROR = (0.94, 0.97, 1.0, 1.03, 1.06)
 
@@ -287,6 +290,16 @@ def widths_of(fit: Fit, index: NDArray[np.int64]) -> Array:
 
 
 def excess(fit: Fit, prior: NoisePrior) -> float:
-    """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean."""
-    chi2 = float(fit.problem.sums(fit.q, prior.start(), fit.clean, [])[0][0, 0])
-    return 0.5 * (chi2 - sum(p.blocks.n for p in fit.problem.pieces))
+    """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean.
+
+    Where a few readings alone say what a channel scatters by, as much more as they allow counts as noise.
+    """
+    problem, start, total = fit.problem, prior.start(), 0.0
+    for channel, (_, sd) in prior.log_sigma.items():
+        own = [i for i, p in enumerate(problem.pieces) if p.channel == channel]
+        columns = ((problem.pieces[i], problem.columns(i, fit.q, fit.clean, [])) for i in own)
+        chi2 = sum(float(whiten(p, x, start).gram()[0, 0]) for p, x in columns)
+        n = sum(problem.pieces[i].blocks.n for i in own)
+        most = math.exp(2.0 * _NOISE_SDS * max(sd - SIGMA_LOG_SD, 0.0))
+        total += 0.5 * (chi2 / min(max(chi2 / max(n, 1), 1.0), most) - n)
+    return total
