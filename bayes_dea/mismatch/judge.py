@@ -22,7 +22,7 @@ from .readings.swinging import Swinging, swinging
 from .readings.under_way import UnderWay, under_way
 from .readings.uneven import Uneven, uneven_scatter
 from .readings.unlisted import Unlisted, clearest
-from .search.hypotheses import DELAY, NONE, UNKNOWN
+from .search.hypotheses import DELAY, MAINS, NONE, UNKNOWN
 from .search.naming import Explanation, Naming, beside_another_channel
 from .search.phase import sample_step_s
 from .search.weigh import Weighed
@@ -30,6 +30,7 @@ from .timing import timing_note
 from .unknown import repair
 from .verdict import Fact, Ruling, facts_of, verdict_of
 from .where.features import Features, features
+from .where.size import repair_size
 from .words import small_note
 
 
@@ -93,9 +94,14 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     swings = swinging(best.weighed.fit, ready.resolution_m)
     strange = uneven is not None or swings is not None or (gains is not None and not gains.allowed)
     ruling = verdict_of(naming, facts, strange)
-    ringing = partial(holder_resonance, nothing=_nothing_claimed(naming, ruling))
+    nothing = _nothing_claimed(naming, ruling)
+    ringing = partial(holder_resonance, nothing=nothing)
     physics = (supply_offset, output_play, edge_crosstalk, ringing)
     unlisted = clearest(find(naming, ruling.named, ready.prior) for find in physics)
+    if unlisted is not None and nothing is not None:
+        # what the sensor does not resolve is not claimed
+        large = repair_size(nothing.fit, unlisted.repaired) >= ready.resolution_m
+        unlisted = unlisted if large else None
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)
@@ -143,10 +149,11 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
 
 def _nothing_claimed(naming: Naming, ruling: Ruling) -> Weighed | None:
     """What the recordings follow where no physics is claimed, with a shift below a sample; None where some is, or
-    where what is known of the readings leaves no fit to be trusted."""
-    if ruling.verdict != NONE or (not naming.none.adequate and NONE not in ruling.delays_s):
+    where what is known of the readings leaves no fit to be trusted. Mains is no physics."""
+    late = ruling.verdict in ruling.delays_s
+    if ruling.verdict not in (NONE, MAINS) or not (naming.none.adequate or late):
         return None
-    return naming.weighed[DELAY] if NONE in ruling.delays_s else naming.none.weighed
+    return naming.weighed[DELAY] if late else naming.none.weighed
 
 
 def _without_drift(naming: Naming) -> tuple[Fit, str]:

@@ -17,16 +17,18 @@ from ..gauss_newton.noise_prior import NoisePrior
 from ..gauss_newton.reduced import Piece
 from ..gauss_newton.refit import Fit, refit
 from .prepare import ROUNDS, Prepared
+from .readings.instead_of_gains import better_than_gains
 from .readings.own_gains import MOVED, Loosened, gains_of, nats_of_gains, worth_a_search
 from .readings.own_limits import CLIPPING, limit_of_readings
 from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
-from .search.hypotheses import UNKNOWN
+from .search.hypotheses import NONE, UNKNOWN
 from .search.name import RIVAL, Brief, Memory, ReadOtherwise, Spoiled, name_physics, weigh_delay
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
 from .telling import Tell, silence
+from .verdict import FALSE_ALARMS
 from .where.features import features
 from .where.locate import is_adequate, scan
 
@@ -45,6 +47,20 @@ def sought(
     loose: a part of the recordings has shown already that nothing explains them without a gain of each; known: what
     explains that part.
     """
+    seen, naming = _by_best_reading(ready, overrides, most_effects, rng, say, loose, known)
+    if seen.tied is None or not _better_unlisted(seen.tied, naming, ready.prior, ready.resolution_m):
+        return seen, naming
+    say("reading the campaign again", 0, 1, "one gain of all recordings")
+    tied = _named(ready, seen.tied, overrides, most_effects, rng, say, (), Memory(), None)
+    assert tied is not None  # but for gains nothing ends a search early
+    return seen.tied, tied
+
+
+def _by_best_reading(
+    ready: Prepared, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator, say: Report,
+    loose: bool = False, known: Sequence[Fit] = (),
+) -> tuple[Seen, Naming]:
+    """See `sought`; where gains leave nothing to explain, they do."""
     seen, prior, with_gains = ready.seen, ready.prior, Loosened(ready.prior)
 
     def tell(*at: Any) -> None:
@@ -217,6 +233,16 @@ def _with_gains_that_matter(
     fits = {id(w.fit): w.fit for w in (naming.none.weighed, naming.best.weighed, likeliest)}
     loosened = [_loosened(fit, pieces, with_gains, rng) for fit in fits.values()]
     return [fit for fit in loosened if fit is not None]
+
+
+def _better_unlisted(tied: Seen, naming: Naming, prior: NoisePrior, resolution_m: float) -> bool:
+    """Whether something on no list explains the recordings better than a gain of each, where with these no physics is
+    claimed. tied: the recordings as they were before."""
+    own = naming.probability.get(NONE, 0.0)
+    if own <= FALSE_ALARMS or not any(p.nodes is not None for p in tied.base.problem.pieces):
+        return False
+    behind = math.log(max(naming.probability.values()) / own)
+    return better_than_gains(tied.base, naming.none.weighed.fit, prior, resolution_m, behind)
 
 
 def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:

@@ -15,6 +15,7 @@ from bayes_dea.bench.concealed import draw_case
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch import sought
 from bayes_dea.mismatch.diagnosis import diagnose
+from bayes_dea.mismatch.readings.instead_of_gains import better_than_gains
 from bayes_dea.mismatch.readings.own_gains import MOVED, Loosened, apart, gains_of, own_gains, worth_a_search
 from bayes_dea.mismatch.readings.seen import Seen
 from bayes_dea.mismatch.search import name
@@ -40,6 +41,31 @@ FACTORS = 1.0 + np.array([0.015, -0.01, 0.0, 0.02, -0.018, 0.004, -0.012])
 def fitted(campaign):
     problem, prior, q = problem_of(campaign)
     return refit(problem, q, prior.start(), prior), prior
+
+
+@pytest.mark.parametrize(("campaign", "better"), [
+    (lambda: concealed({"holder_resonance": {"holder_share": 0.004, "holder_Hz": 11.0, "holder_zeta": 0.05}}), True),
+    (lambda: concealed({"output_backlash": {"play_m": 2e-6}}, scale=0.3), True),
+    (concealed, False),
+    (lambda: resized(concealed(), FACTORS), False),
+])  # fmt: skip
+def test_what_explains_more_than_gains_do_is_looked_for(campaign, better):
+    fit, prior = fitted(campaign())
+    loose = own_gains(fit, fit.problem.pieces, prior)
+    assert better_than_gains(fit, loose, prior) is better
+    # nor is it by more than it leads, or where a sensor does not resolve it
+    assert not better_than_gains(fit, loose, prior, behind=1e4)
+    assert not better_than_gains(fit, loose, prior, 1e-5)
+
+
+@pytest.mark.long
+def test_a_resonance_is_no_gain_of_each_recording():
+    rings = {"holder_resonance": {"holder_share": 0.004, "holder_Hz": 11.0, "holder_zeta": 0.05}}
+    c = concealed({**rings, "mains_pickup": {"mains_m": 0.5e-6, "mains_Hz": 50.0}})
+    s = diagnose(c, "hooke+gm3", seed=1).summary
+    assert s["verdict"] == "unknown"
+    assert s["statement"].startswith("A resonance at ")
+    assert "gain differs" not in s["statement"]
 
 
 def test_gains_are_read_with_their_errors():

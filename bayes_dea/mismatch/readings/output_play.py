@@ -35,7 +35,7 @@ _RIVAL = 5.0
 #: nats that friction, the nearest on the list, has to explain for a play to be looked for where nothing explains all
 _HINTS = 10.0
 #: where in the play the recordings begin: in its middle, or where the way down from before has left it
-_FROM = (0.0, 1.0)
+BEGINNINGS = (0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | Non
     rest = claimed.without([_FRICTION], prior)
     if rest is None:
         return None
-    cost = claimed.cost(rest) - math.log(len(_FROM))
+    cost = claimed.cost(rest) - math.log(len(BEGINNINGS))
     beyond = (CLEAR if named == UNKNOWN else -_RIVAL) - cost
-    found = [play_of(rest.fit, prior, beyond, start) for start in _FROM]
+    found = [play_of(rest.fit, prior, beyond, start) for start in BEGINNINGS]
     return clearest(
         OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
         for at in found if at is not None

@@ -26,6 +26,7 @@ class Seen:
         self.notes: list[str] = []
         self.odd: Rereading | None = None
         self.loose = False  # every recording has a gain of its own
+        self.tied: Seen | None = None  # what was before that
         self.shown = False  # the end of the sensor's range is a reading
         self._rows: dict[str, NDArray[np.bool_]] = {}
 
@@ -44,6 +45,7 @@ class Seen:
         elif r.gains:
             moved = own_gains(self.base, self.pieces, self.prior)
             if moved is not None:
+                self.tied = self.tied or self.copy()
                 self.base, self.pieces, self.loose = moved, apart(self.pieces), True
             return
         elif r.limit:

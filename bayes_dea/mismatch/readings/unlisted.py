@@ -96,7 +96,11 @@ class Claimed:
         prior = odds.unknown if named == UNKNOWN else odds.of(len(weighed.effects), singles)
         evidence = naming.log_evidence[named]
         ahead = max(evidence - best.log_evidence, 0.0) if named == UNKNOWN else 0.0
-        return Claimed(weighed, evidence + math.log(prior), ahead, naming, singles)
+        weight = evidence + math.log(prior)
+        if named == UNKNOWN:
+            # readings may say so by themselves, of recordings that something on the list explains
+            weight = max(weight, *naming.log_weight.values())
+        return Claimed(weighed, weight, ahead, naming, singles)
 
     @property
     def effects(self) -> tuple[str, ...]:

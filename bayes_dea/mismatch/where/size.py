@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
+from ..left_out import Repaired
 
 Array = NDArray[np.float64]
 #: step of the displacement (m) where no resolution is stated
@@ -20,6 +21,14 @@ STEP_M = 0.15e-6
 def effect_size(base: Fit, fit: Fit) -> float:
     """Largest RMS in m over all recordings of the difference between two fits, offsets removed; forces by steps."""
     return _largest(base, fit, base.clean, fit.clean)
+
+
+def repair_size(base: Fit, repaired: Repaired) -> float:
+    """The same of a fit and one with a repair in it."""
+    fit = repaired.fit
+    both = zip(fit.problem.pieces, fit.clean, strict=True)
+    changed = [repaired.predicted(p, np.zeros(p.recording.n), x)[1] for p, x in both]
+    return _largest(base, fit, base.clean, changed)
 
 
 def size_elsewhere(base: Fit, fit: Fit, pieces: Sequence[Piece]) -> float:
