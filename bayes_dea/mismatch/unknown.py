@@ -183,6 +183,20 @@ class Regression:
         return sum(self.misfit(chosen, i, i) for i in range(self.squares.size))
 
 
+def regressed(
+    fit: Fit, looks: Sequence[Features], channel: str, reach: Reach
+) -> tuple[Regression, NDArray[np.bool_]]:
+    """What a fit leaves on the terms, and which of these (terms,) have something to say once it has moved along."""
+    res, pieces = residuals(fit), fit.problem.pieces
+    sd = _TERM_SD_M * (1.0 if channel == "displacement" else stiffness(fit, pieces[0]))
+    shapes = [_shapes(f, x, reach) if p.channel == channel else np.zeros((len(_TERMS), x.size))
+              for p, f, x in zip(pieces, looks, fit.clean, strict=True)]  # fmt: skip
+    whole = res.spread([whiten_columns(p, own, fit.noise)[0] for p, own in zip(pieces, shapes, strict=True)])
+    A = res.project(whole)
+    tells = np.linalg.norm(A, axis=0) > _ABSORBED * np.linalg.norm(whole, axis=0)
+    return Regression.of(A, res.e, res.start, sd), np.asarray(tells)
+
+
 def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple[dict[str, Any], Repaired | None]:
     """Linear terms beside the best fit, each with its size.
 
@@ -199,19 +213,14 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
     channel = "displacement" if any(p.channel == "displacement" for p in pieces) else "force"
     unit, factor, shown = ("m", 1e6, "um") if channel == "displacement" else ("N", 1e3, "mN")
     reach = Reach.of(pieces, looks, fit.clean, channel)
-    sd = _TERM_SD_M * (1.0 if channel == "displacement" else stiffness(fit, pieces[0]))
-    shapes = [_shapes(f, x, reach) if p.channel == channel else np.zeros((len(_TERMS), x.size))
-              for p, f, x in zip(pieces, looks, fit.clean, strict=True)]  # fmt: skip
-    whole = res.spread([whiten_columns(p, own, fit.noise)[0] for p, own in zip(pieces, shapes, strict=True)])
-    A = res.project(whole)
-    tells = np.linalg.norm(A, axis=0) > _ABSORBED * np.linalg.norm(whole, axis=0)
-    found = Regression.of(A, res.e, res.start, sd)
+    found, tells = regressed(fit, looks, channel, reach)
+    count = int(res.e.size)
     chosen: list[int] = []
     left = found.misfit_elsewhere(())
     for _ in range(_MOST):
         scores = [(found.misfit_elsewhere((*chosen, k)), k) for k in map(int, np.flatnonzero(tells)) if k not in chosen]
         rest, k = min(scores, default=(left, -1))
-        if left - rest < math.log(res.e.size) + _BEYOND:
+        if left - rest < math.log(count) + _BEYOND:
             break
         chosen.append(k)
         left = rest
@@ -222,7 +231,7 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
     c, cov = found.solved(chosen)
     terms: list[dict[str, Any]] = []
     for n, k in enumerate(chosen):
-        gain = found.misfit([j for j in chosen if j != k]) - found.misfit(chosen) - math.log(res.e.size)
+        gain = found.misfit([j for j in chosen if j != k]) - found.misfit(chosen) - math.log(count)
         terms.append(
             {
                 "term": _TERMS[k][0],

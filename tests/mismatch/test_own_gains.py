@@ -45,9 +45,9 @@ def fitted(campaign):
 
 @pytest.mark.parametrize(("campaign", "better"), [
     (lambda: concealed({"holder_resonance": {"holder_share": 0.004, "holder_Hz": 11.0, "holder_zeta": 0.05}}), True),
-    (lambda: concealed({"output_backlash": {"play_m": 2e-6}}, scale=0.3), True),
+    pytest.param(lambda: concealed({"output_backlash": {"play_m": 2e-6}}, scale=0.3), True, marks=pytest.mark.long),
     (concealed, False),
-    (lambda: resized(concealed(), FACTORS), False),
+    pytest.param(lambda: resized(concealed(), FACTORS), False, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_what_explains_more_than_gains_do_is_looked_for(campaign, better):
     fit, prior = fitted(campaign())
