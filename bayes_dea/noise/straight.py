@@ -130,7 +130,7 @@ def straight_pieces(time_s: Array, blocks: Blocks, means: Array, sd: float) -> S
     rows = np.add.reduceat(blocks.count, first)
     # blocks begin and end with rows
     begin, end = time_s[blocks.start[first]], time_s[blocks.stop[stop - 1] - 1]
-    begin, time, level = _corners(first, stop, centre, value, slope, begin, end, t, _DOUBT / np.sqrt(w))
+    begin, time, level = _corners(first, stop, centre, value, slope, begin, end, t, u, w)
     onward = _onward(slope, np.abs(slope) * spread * np.sqrt(rows) > _MOVES * sd)
     waves = _waves(t, u, w, sd, first, stop, onward)
     return Straight(first, stop, centre, value, slope, rows, spread, begin, time, level, waves)
@@ -306,19 +306,28 @@ def _merged(t, u, w, borders):
 
 def _corners(
     first: NDArray[np.int64], stop: NDArray[np.int64], centre: Array, value: Array, slope: Array, begin: Array,
-    end: Array, t: Array, doubt: Array,
+    end: Array, t: Array, u: Array, w: Array,
 ) -> tuple[Array, Array, Array]:
     """Where lines begin, times and levels between which the input is straight.
 
     Two lines that cross at their border meet there; others are joined from the last row of one to the first row of the
     next. Blocks that lie between the border and the crossing may belong to either line if these are no further apart
-    there than `doubt` (nb,), in the unit of the input.
+    there than `_DOUBT`, or if that they do costs no more in squared residuals than a split has to save: of many corners
+    one has noise beside it that moves the border by three rows.
     """
-    single = stop - first == 1
+    single, doubt = stop - first == 1, _DOUBT / np.sqrt(w)
     begin = begin.copy()
 
     def on(k: int, at: float) -> float:
         return float(value[k] + slope[k] * (at - centre[k]))
+
+    def switched(k: int, at: float) -> float:
+        """What the blocks between a border and the crossing of its lines cost on the other one."""
+        crossing = int(np.searchsorted(t, at))
+        part = slice(min(crossing, int(stop[k])), max(crossing, int(stop[k])))
+        one, other = (u[part] - value[j] - slope[j] * (t[part] - centre[j]) for j in (k, k + 1))
+        cost = float(np.sum(w[part] * (other**2 - one**2)))
+        return cost if crossing < stop[k] else -cost
 
     time, level = [centre[0] if single[0] else begin[0]], [value[0] if single[0] else on(0, begin[0])]
     for k in range(first.size):
@@ -334,7 +343,8 @@ def _corners(
             early, late = abs(bend) * (t[last] - at), abs(bend) * (at - t[following])
             # not before the line begins, itself at a crossing perhaps
             within = max(t[first[k]], begin[k]) < at < t[stop[k + 1] - 1]
-            if max(early - doubt[last], late - doubt[following]) <= 0.0 and within:
+            near = max(early - doubt[last], late - doubt[following]) <= 0.0
+            if within and (near or switched(k, at) <= _SAVED):
                 time.append(at)
                 level.append(on(k, at))
                 begin[k + 1] = at
