@@ -13,6 +13,7 @@ Equation: the play operator y_k = min(x_k + w/2, max(x_k - w/2, y_(k-1))) (Visin
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from ...gauss_newton.noise_prior import NoisePrior
@@ -22,6 +23,7 @@ from ...gauss_newton.refit import Fit
 from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
+from ..search.weigh import Weighed
 from .one_number import Sized, highest
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
@@ -32,8 +34,6 @@ _LEAST_M, _MOST_M = 0.1e-6, 100e-6
 _FIRST_M = 0.5e-6
 #: nats by which it may be behind and be a rival yet
 _RIVAL = 5.0
-#: nats that friction, the nearest on the list, has to explain for a play to be looked for where nothing explains all
-_HINTS = 10.0
 #: where in the play the recordings begin: in its middle, or where the way down from before has left it
 BEGINNINGS = (0.0, 1.0)
 
@@ -61,27 +61,26 @@ class OutputPlay(Unlisted):
 def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | None:
     """A play of the output that is likelier than what is named (physics of a verdict), or nearly; else None.
 
-    Looked for where friction is claimed or helps, in the place of that.
+    Looked for in the place of friction, and where nothing on the list explains the recordings.
     """
     claimed = Claimed.of(naming, named)
-    if claimed is None or not (_FRICTION in claimed.effects or (named == UNKNOWN and _hints(naming))):
+    if claimed is None or not (_FRICTION in claimed.effects or named == UNKNOWN):
         return None
-    rest = claimed.without([_FRICTION], prior)
-    if rest is None:
-        return None
+    # the best partial explanation may do no more than some of its work
+    replaced = [[_FRICTION], *([claimed.effects] if named == UNKNOWN else [])]
+    rests = {w.name: w for w in (claimed.without(r, prior) for r in replaced) if w is not None}
+    return clearest(found for rest in rests.values() for found in _beside(claimed, rest, prior, named))
+
+
+def _beside(claimed: Claimed, rest: Weighed, prior: NoisePrior, named: str) -> Iterator[OutputPlay]:
+    """A play beside what stays of a claim, from either beginning, where it is likelier than what is named, or nearly.
+    """
     cost = claimed.cost(rest) - math.log(len(BEGINNINGS))
     beyond = (CLEAR if named == UNKNOWN else -_RIVAL) - cost
-    found = [play_of(rest.fit, prior, beyond, start) for start in BEGINNINGS]
-    return clearest(
-        OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
-        for at in found if at is not None
-    )  # fmt: skip
-
-
-def _hints(naming: Naming) -> bool:
-    """Whether friction alone explains something."""
-    alone = naming.weighed.get(_FRICTION)
-    return alone is not None and alone.refitted and alone.log_evidence > naming.none.weighed.log_evidence + _HINTS
+    for start in BEGINNINGS:
+        at = play_of(rest.fit, prior, beyond, start)
+        if at is not None:
+            yield OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
 
 
 def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> Sized | None:
