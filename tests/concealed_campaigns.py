@@ -66,12 +66,12 @@ def weigher(problem, prior, base, given, material):
     from bayes_dea.mismatch.search.hypotheses import extended
     from bayes_dea.mismatch.search.weigh import Weighed
 
-    def weighed(*effects, **values):
+    def weighed(*effects, max_steps=25, **values):
         model = extended(problem.model, effects, given)
         named = {n: np.array([{**material, **values}[n]]) for n in model.priors.names}
         at = model.from_prior_coordinates(model.priors.to_coordinates(named))[0]
         q = np.concatenate([at, base.q[problem.model.dimension :]])
-        fit = refit(problem.with_model(model), q, prior.start(), prior)
+        fit = refit(problem.with_model(model), q, prior.start(), prior, max_steps=max_steps)
         return Weighed(effects, fit, fit.log_evidence, 0.1, 1e-6)
 
     return weighed

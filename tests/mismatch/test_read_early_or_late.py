@@ -7,7 +7,7 @@ from concealed_campaigns import concealed, problem_of, weigher
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
-from bayes_dea.mismatch.search.shifted import either_read_early_or_late, read_early_or_late
+from bayes_dea.mismatch.search.shifted import damped_and_shifted, either_read_early_or_late, read_early_or_late
 from bayes_dea.mismatch.search.weigh import Weighed
 
 LATE_S = 4e-4
@@ -61,3 +61,23 @@ def test_each_of_two_is_read_with_a_shift_where_it_is_known_alone(explained):
     both = either_read_early_or_late(pair, {first.name: first, mass.name: mass}, quest)
     assert [w.effects for w in both] == [found.effects]
     assert either_read_early_or_late(pair, {first.name: first, found.name: found}, quest) == []
+
+
+def test_a_damper_read_late_is_held_against_a_mass_beside_another_effect():
+    """A tenth of a sample late: a mass at 950 Hz with next to no damping leaves as little."""
+    campaign = concealed({"sensor_drift": {"drift_m_per_s": 2e-7}, "parallel_damper": {"d0_Pa_s": 2000.0},
+                          "acquisition_delay": {"T_d_s": 1.2e-4}}, scale=0.5)  # fmt: skip
+    problem, prior, q = problem_of(campaign)
+    base = refit(problem, q, prior.start(), prior)
+    names = ("sensor_drift", "parallel_damper", "inertia", "acquisition_delay")
+    given = effect_priors(names, campaign)
+    weighed = weigher(problem, prior, base, given, MATERIAL)
+    quest = Quest(base, names, given, prior, np.random.default_rng(1))
+    mass = weighed("sensor_drift", "inertia", f_1_Hz=950.0, zeta=0.1)
+    damper = weighed("parallel_damper", "sensor_drift", d0_Pa_s=2000.0)
+    (found,) = damped_and_shifted(mass, [mass, damper], quest)
+    assert set(found.effects) == {"sensor_drift", "parallel_damper", "acquisition_delay"}
+    assert found.log_evidence > max(mass.log_evidence, damper.log_evidence) + 3.0
+    assert found.fit.values()["T_d_s"] == pytest.approx(1.2e-4, rel=0.3)
+    assert damped_and_shifted(mass, [mass, damper, found], quest) == []  # known already
+    assert damped_and_shifted(damper, [mass, damper], quest) == []  # no mass is claimed

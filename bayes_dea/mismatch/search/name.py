@@ -24,6 +24,7 @@ from ..where.locate import Places, is_adequate, places_of, scan
 from ..where.size import effect_size
 from .beside import beside, promised_beside, together, top_of
 from .elements import counted
+from .exchanged import exchanged
 from .frame import Frame
 from .grid import Screened
 from .hypotheses import DELAY, candidates, effect_priors, prior_odds
@@ -53,7 +54,7 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
-from .shifted import either_read_early_or_late, read_early_or_late, shifted_rivals
+from .shifted import damped_and_shifted, either_read_early_or_late, read_early_or_late, shifted_rivals
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 from .work_of_a_mode import instead_of_a_mode
@@ -284,6 +285,7 @@ class _Search:
             self.known.take_from_elsewhere(from_the_leader(best, self.known.counting, self.quest))
             fitted = {name for name, w in self.known.weighed.items() if w.refitted}
             self.known.take_from_elsewhere(alike(best, fitted, self.quest))
+            self.known.take_from_elsewhere(damped_and_shifted(best, self.known.counting, self.quest))
 
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
         """The probabilities of all that was weighed."""
@@ -442,6 +444,8 @@ class _Search:
             more += self._taken(in_place_of_the_first(start, more, self.known.counting, self.quest))
             if not self.quest.explained_by(top_of(more, start).fit):
                 more += self._taken(helped_elsewhere(start, more, self.known.counting, self.quest))
+        if not self.quest.explained_by(top_of(more, start).fit):
+            more += self._taken([w for w in (exchanged(m, self.quest) for m in [start, *more]) if w is not None])
         return more
 
     def _swapped_and_shifted(self, start: Weighed, pairs: list[Weighed]) -> list[Weighed]:

@@ -22,7 +22,7 @@ from .beside import beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
 from .phase import sample_step_s
-from .promising import RIVALS
+from .promising import MASS, RIVALS
 from .quest import Quest
 from .second_thoughts import beside_the_second
 from .weigh import Weighed, refine
@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 _PROMISED = 0.5
 #: nats behind what explains alone at which the descent of a rival is given up
 _FAR_BEHIND = 50.0
+#: effects that a mass with a shift, or without one, may pass for
+_DAMPED = {"parallel_damper", "sensor_lag"}
 #: effects that make an answer late by about a sample, if they are weak
 _LATE = {"series_resistance", "supply_current_limit", "one_quadrant_supply", "leakage", "extra_relaxation_mode",
          "parallel_damper", "inertia", "sensor_lag"}
@@ -49,18 +51,39 @@ def read_early_or_late(pair: Weighed, first: Weighed, known: Weighed | None, que
         return []
     if known is not None and known.log_evidence > pair.log_evidence - RIVALS:
         return []
-    fitted, problem = pair.fit, pair.fit.problem
-    both = together(first.effects, DELAY)
+    return _half_a_sample_off(first, pair.fit, quest)
+
+
+def damped_and_shifted(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
+    """What comes late in the place of a mass beside another effect, with a shift of half a sample as well.
+
+    A damper read a tenth of a sample late is a mass that rings beyond what is sampled, and both leave nothing.
+    """
+    if len(best.effects) != 2 or MASS not in best.effects or DELAY not in quest.names:
+        return []
+    beside = set(best.effects) - {MASS}
+    known = {w.effects for w in weighed if w.refitted}
+    late = [
+        w for w in weighed
+        if w.refitted and len(w.effects) == 2 and beside < set(w.effects) and set(w.effects) - beside <= _DAMPED
+        and w.log_evidence > best.log_evidence - _FAR_BEHIND and together(w.effects, DELAY) not in known
+    ]  # fmt: skip
+    return [found for w in late for found in _half_a_sample_off(w, w.fit, quest)]
+
+
+def _half_a_sample_off(w: Weighed, start: Fit, quest: Quest) -> list[Weighed]:
+    """A hypothesis with a shift of half a sample either way, fitted from some place; the better one, if any."""
+    both = together(w.effects, DELAY)
     out: list[Weighed] = []
     for law in laws_of_effect(DELAY, quest.given):
-        model = extended(quest.model, both, {**quest.by(first.laws).given, **law})
-        q = None if model is None else shifted_by(fitted, model, 0.5)
+        model = extended(quest.model, both, {**quest.by(w.laws).given, **law})
+        q = None if model is None else shifted_by(start, model, 0.5)
         if model is None or q is None:
             continue
-        quest.say("comparing rivals", len(out), 2, f"{first.name}, read early or late")
-        fit = refit(problem.with_model(model), q, quest.prior.start(), quest.prior, coarse=True)
+        quest.say("comparing rivals", len(out), 2, f"{w.name}, read early or late")
+        fit = refit(start.problem.with_model(model), q, quest.prior.start(), quest.prior, coarse=True)
         if fit is not None:
-            out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(first.fit, fit)))
+            out.append(Weighed(both, fit, fit.log_evidence, 0.1, effect_size(w.fit, fit)))
     return sorted(out, key=lambda w: w.log_evidence)[-1:]
 
 
