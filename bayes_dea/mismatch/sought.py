@@ -58,7 +58,7 @@ def sought(
 
 def _by_best_reading(
     ready: Prepared, overrides: Mapping[str, Any] | None, most_effects: int, rng: np.random.Generator, say: Report,
-    loose: bool = False, known: Sequence[Fit] = (),
+    loose: bool, known: Sequence[Fit],
 ) -> tuple[Seen, Naming]:
     """See `sought`; where gains leave nothing to explain, they do."""
     seen, prior, with_gains = ready.seen, ready.prior, Loosened(ready.prior)

@@ -148,6 +148,7 @@ class Regression:
     cross: Array  # (recordings, K)
     squares: Array  # (recordings,)
     sd: float  # of the prior of a coefficient
+    count: int  # of residuals
 
     @staticmethod
     def of(A: Array, e: Array, start: NDArray[np.int64], sd: float) -> Regression:
@@ -158,6 +159,7 @@ class Regression:
             np.array([a.T @ r for a, r in parts]),
             np.array([r @ r for _, r in parts]),
             sd,
+            e.size,
         )
 
     def solved(self, chosen: Sequence[int], without: int = -1) -> tuple[Array, Array]:
@@ -208,19 +210,17 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
     in BIC); and the fit with them, None where none was chosen.
     """
     fit = best.weighed.fit
-    res = residuals(fit)
     pieces = fit.problem.pieces
     channel = "displacement" if any(p.channel == "displacement" for p in pieces) else "force"
     unit, factor, shown = ("m", 1e6, "um") if channel == "displacement" else ("N", 1e3, "mN")
     reach = Reach.of(pieces, looks, fit.clean, channel)
     found, tells = regressed(fit, looks, channel, reach)
-    count = int(res.e.size)
     chosen: list[int] = []
     left = found.misfit_elsewhere(())
     for _ in range(_MOST):
         scores = [(found.misfit_elsewhere((*chosen, k)), k) for k in map(int, np.flatnonzero(tells)) if k not in chosen]
         rest, k = min(scores, default=(left, -1))
-        if left - rest < math.log(count) + _BEYOND:
+        if left - rest < math.log(found.count) + _BEYOND:
             break
         chosen.append(k)
         left = rest
@@ -231,7 +231,7 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
     c, cov = found.solved(chosen)
     terms: list[dict[str, Any]] = []
     for n, k in enumerate(chosen):
-        gain = found.misfit([j for j in chosen if j != k]) - found.misfit(chosen) - math.log(count)
+        gain = found.misfit([j for j in chosen if j != k]) - found.misfit(chosen) - math.log(found.count)
         terms.append(
             {
                 "term": _TERMS[k][0],

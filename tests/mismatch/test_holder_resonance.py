@@ -104,6 +104,7 @@ def test_what_no_window_in_time_shows_is_no_none():
     assert s["confidence"] > 0.9
     (term,) = s["repair"]["terms"]
     assert (s["repair"]["stage"], s["repair"]["acts_on"], term["unit"]) == ("sensor", "frequency", "1")
+    # of 119 nats the frequency is known to 0.065 Hz
     assert float(re.search(r"resonance at ([\d.]+) Hz", s["statement"]).group(1)) == pytest.approx(11.0, abs=0.2)
     assert s["proof"]["repair"]["elpd_gain"] > 3.0
     assert s["hypotheses"][0]["name"] == "unknown"

@@ -292,7 +292,8 @@ def widths_of(fit: Fit, index: NDArray[np.int64]) -> Array:
 def excess(fit: Fit, prior: NoisePrior) -> float:
     """Nats of misfit beyond that of noise: half the chi squared at the noise that fits begin with, less its mean.
 
-    Where a few readings alone say what a channel scatters by, as much more as they allow counts as noise.
+    Where a few readings alone say what a channel scatters by, as much more as they allow counts as noise. A
+    discrepancy beside the fit takes nothing from it.
     """
     problem, start, total = fit.problem, prior.start(), 0.0
     for channel, (_, sd) in prior.log_sigma.items():
