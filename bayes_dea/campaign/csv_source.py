@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from bayes_dea.campaign.clock import BadTimeError, likely_format, seconds
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.campaign.scratch import PIECE, Gathering, Scratch
-from bayes_dea.campaign.tables import Table, missing_column
+from bayes_dea.campaign.tables import Table, ambiguous_column, missing_column
 from bayes_dea.errors import InputError
 
 #: cells that are gaps (compared without case); "-nan" is what C's printf writes
@@ -115,9 +115,7 @@ class CsvSource:
         if self.names.count(str(column.name)) > 1:
             places = [i + 1 for i, n in enumerate(self.names) if n == column.name]
             own = next((k for k, c in self.fmt.columns.items() if c is column), _readable(str(column.name)))
-            raise InputError(f'{self.label}: two columns are called "{_readable(str(column.name))}", numbers '
-                             f"{' and '.join(map(str, places))}. Say which in its [format]: columns.{own} = "
-                             f"{{ index = {places[0]} }}.")
+            raise ambiguous_column(self.label, own, _readable(str(column.name)), places)
         return self._index[str(column.name)]
 
     def missing(self, own: str, column: ColumnMap) -> InputError:

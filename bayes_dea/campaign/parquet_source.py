@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bayes_dea.campaign.format_map import ColumnMap, FormatMap
 from bayes_dea.campaign.scratch import PIECE, Gathering, Scratch
-from bayes_dea.campaign.tables import Table, missing_column, text_times
+from bayes_dea.campaign.tables import Table, ambiguous_column, missing_column, text_times
 from bayes_dea.errors import InputError
 
 
@@ -40,58 +40,78 @@ class ParquetSource:
         """The error for a column that is not there; `own` is what we call it."""
         return missing_column(self.label, own, column, self.names)
 
+    def position(self, column: ColumnMap) -> int:
+        """Position (from 0) of a column. Raises InputError where it is missing or ambiguous."""
+        if not self.has(column):
+            raise self.missing(column.name or "", column)
+        if column.name is None:
+            return (column.index or 1) - 1
+        places = [i + 1 for i, n in enumerate(self.names) if n == column.name]
+        if len(places) > 1:
+            own = next((k for k, c in self.fmt.columns.items() if c is column), column.name)
+            raise ambiguous_column(self.label, own, column.name, places)
+        return places[0] - 1
+
     def read(self, columns: Sequence[ColumnMap]) -> Table:
         """The columns as float64; nulls are gaps, timestamps and durations seconds since the first row.
 
-        Raises InputError for missing columns and for text that is no time.
+        Raises InputError for columns that are missing or ambiguous and for text that is no time.
         """
-        for c in columns:
-            if not self.has(c):
-                raise self.missing(c.name or "", c)
-        wanted = [c.name if c.name is not None else self.names[(c.index or 1) - 1] for c in columns]
+        wanted = [self.position(c) for c in columns]
         with Gathering(len(columns), self._scratch) as gathered:
             numbers = {}
-            for i, (name, column) in enumerate(zip(wanted, columns, strict=True)):
-                if not self._is_text_time(name, column):
-                    numbers[i] = _converter(self._type(name), name, self.label)
+            for i, (position, column) in enumerate(zip(wanted, columns, strict=True)):
+                if not self._is_text_time(position, column):
+                    numbers[i] = _converter(self._type(position), self.names[position], self.label)
             times = {i: self._times(wanted[i], columns[i]) for i in range(len(columns)) if i not in numbers}
             rows = 0
-            for batch in self._batches(wanted):
-                end = rows + batch.num_rows
-                gathered.add([numbers[i](batch.column(name)) if i in numbers else times[i][rows:end]
-                              for i, name in enumerate(wanted)])
+            for pieces, count in self._batches(wanted):
+                end = rows + count
+                gathered.add([numbers[i](piece) if i in numbers else times[i][rows:end]
+                              for i, piece in enumerate(pieces)])
                 rows = end
             arrays = gathered.columns()
         return Table(tuple(arrays), lambda i: f"row {i + 1}")
 
-    def _type(self, name: str) -> Any:
+    def _type(self, position: int) -> Any:
         from pyarrow import parquet
 
-        return parquet.read_schema(self.path).field(name).type
+        return parquet.read_schema(self.path).field(position).type
 
-    def _is_text_time(self, name: str, column: ColumnMap) -> bool:
+    def _is_text_time(self, position: int, column: ColumnMap) -> bool:
         import pyarrow as pa
 
-        kind = self._type(name)
+        kind = self._type(position)
         return column.time_format is not None and (pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
-    def _times(self, name: str, column: ColumnMap) -> NDArray[np.float64]:
-        texts = (text for batch in self._batches([name]) for text in batch.column(name).to_pylist())
+    def _times(self, position: int, column: ColumnMap) -> NDArray[np.float64]:
+        texts = (text for (piece,), _ in self._batches([position]) for text in piece.to_pylist())
         return text_times(texts, column, self.label, "row")
 
-    def _batches(self, names: Sequence[str]) -> Iterator[Any]:
-        """Rows in pieces; a buffer keeps a group of rows from being read whole."""
+    def _batches(self, positions: Sequence[int]) -> Iterator[tuple[list[Any], int]]:
+        """Columns and number of rows, in pieces; a buffer keeps a group of rows from being read whole.
+
+        Arrow takes columns by name, and all of a name: of these the one that is meant is taken by its place.
+        """
         import pyarrow as pa
         from pyarrow import parquet
 
         try:
             with parquet.ParquetFile(self.path, buffer_size=1 << 20) as file:
-                yield from file.iter_batches(PIECE, columns=list(dict.fromkeys(names)), use_threads=False)
+                names = list(dict.fromkeys(self.names[p] for p in positions))
+                for batch in file.iter_batches(PIECE, columns=names, use_threads=False):
+                    yield [batch.column(_place(batch, self.names, p)) for p in positions], batch.num_rows
         except MemoryError:  # which Arrow's is, too
             raise
         except (pa.ArrowException, OSError) as exc:
             raise InputError(f"{self.label}: cannot be read as Parquet; the file was cut or damaged. Copy it "
                              "again from the recorder.") from exc
+
+
+def _place(batch: Any, names: Sequence[str], position: int) -> int:
+    """Where in a piece the column stands that has this position in the file."""
+    alike = [i for i, name in enumerate(batch.schema.names) if name == names[position]]
+    return alike[names[:position].count(names[position])]
 
 
 def _converter(kind: Any, name: str, label: str) -> Callable[[Any], NDArray[np.float64]]:

@@ -100,6 +100,13 @@ def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str]
     return InputError(f"{label}: {called} is missing. {found} {remedy}")
 
 
+def ambiguous_column(label: str, own: str, called: str, places: Sequence[int]) -> InputError:
+    """The error for a name that several columns of a file have, at these places (from 1)."""
+    return InputError(f'{label}: {"two" if len(places) == 2 else len(places)} columns are called "{called}", numbers '
+                      f"{', '.join(map(str, places[:-1]))} and {places[-1]}. Say which in its [format]: columns.{own} "
+                      f"= {{ index = {places[0]} }}.")
+
+
 def _entry(own: str, name: str | None) -> str:
     """What to write for a column in [format]: its name there, and its unit where the name says another than ours."""
     if name is None:

@@ -238,6 +238,23 @@ def test_parquet(folder, data, tmp_path):
         one(folder, {"d.parquet": content["d.parquet"][:900]}, 'columns.time_s = "t"')
 
 
+def test_parquet_with_a_name_that_two_columns_have(folder, data, tmp_path):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = data()
+    time, volts, moved = columns["time_s"], columns["voltage_V"], columns["displacement_m"]
+    names = ["displacement_m", "time_s", "voltage_V", "displacement_m"]
+    parquet.write_table(pa.table([0.9 * moved, time, volts, moved], names=names), tmp_path / "d.parquet")
+    content = {"d.parquet": (tmp_path / "d.parquet").read_bytes()}
+    with pytest.raises(InputError, match=r'two columns are called "displacement_m", numbers 1 and 4. Say which in its '
+                                         r"\[format\]: columns.displacement_m = \{ index = 1 \}"):
+        one(folder, content, 'columns.time_s = "time_s"')
+    for index, there in ((4, moved), (1, 0.9 * moved)):
+        r = one(folder, content, f"columns.displacement_m = {{ index = {index} }}")
+        np.testing.assert_array_equal(r.columns["displacement_m"], there)
+
+
 def test_a_recording_overrides_the_top_level_map(folder, data, as_csv):
     first, second, third = data(), data(seed=2), data(seed=3)
     files = {"a.csv": as_csv({"t": first["time_s"], "U": first["voltage_V"] / 1e3,
