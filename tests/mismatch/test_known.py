@@ -87,7 +87,7 @@ def test_what_moves_less_than_the_sensor_resolves_counts_only_before_one_that_mo
 def test_two_effects_share_the_odds_of_two():
     k = known()
     assert k.share(Stub(("leakage",), 0.0)) == pytest.approx(0.02)
-    assert k.share(Stub(("inertia", "leakage"), 0.0)) == pytest.approx(0.005)
+    assert k.share(Stub(("inertia", "leakage"), 0.0)) == pytest.approx(0.1 / 190)  # of the pairs of twenty
     assert k.weight(Stub(("leakage",), 3.0)) == pytest.approx(3.0 + math.log(0.02))
 
 

@@ -92,7 +92,7 @@ def weighed(effects, fit, refitted=True):
 def test_a_shift_has_odds_of_its_own_beside_whatever_there_is():
     odds, fit = prior_odds(), late(4e-4, 0.02)
     even = below_a_sample(fit).even
-    for rest, plain in (((), odds.none), (("leakage",), odds.single / 20), (("a", "b"), odds.double / 20)):
+    for rest, plain in (((), odds.none), (("leakage",), odds.single / 20), (("a", "b"), odds.double / 190)):
         w = weighed((*rest, "acquisition_delay"), fit)
         assert known(odds).share(w) == pytest.approx(plain * odds.shifted / (1 - odds.shifted) * even)
         assert known(odds).timing(w) == pytest.approx(1.0)
@@ -100,7 +100,7 @@ def test_a_shift_has_odds_of_its_own_beside_whatever_there_is():
 
 def test_above_a_sample_a_delay_is_one_effect_like_another():
     odds, fit = prior_odds(), late(6e-3, 0.1)
-    for rest, plain in (((), odds.single / 20), (("leakage",), odds.double / 20)):
+    for rest, plain in (((), odds.single / 20), (("leakage",), odds.double / 190)):
         w = weighed((*rest, "acquisition_delay"), fit)
         assert known(odds).share(w) == pytest.approx(plain)
         assert known(odds).timing(w) == pytest.approx(0.0, abs=1e-9)
@@ -116,6 +116,7 @@ def test_at_one_sample_it_may_be_either():
     assert known(odds).timing(w) == pytest.approx(timing / (physics + timing))
 
 
-def test_a_further_effect_is_as_likely_beside_two_as_beside_one():
+def test_the_share_of_so_many_effects_is_split_among_their_combinations():
     odds = Odds(none=0.5, single=0.4, double=0.04, unknown=0.06, shifted=0.2)
-    assert [odds.of(n, 20) for n in range(4)] == pytest.approx([0.5, 0.02, 0.002, 0.0002])
+    assert [odds.of(n, 20) for n in range(4)] == pytest.approx([0.5, 0.02, 0.04 / 190, 0.004 / 1140])
+    assert odds.of(2, 1) == odds.double  # of one candidate there is no pair to split it among

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,10 +35,16 @@ class Odds:
     shifted: float
 
     def of(self, effects: int, candidates: int) -> float:
-        """Odds of one hypothesis of so many effects, each of which is one of so many candidates."""
+        """Odds of one hypothesis of so many effects, each of which is one of so many candidates.
+
+        The share of so many effects is split evenly among all combinations of as many (multiplicity: Scott and Berger
+        2010, doi:10.1214/10-AOS792). Only those with the effect that leads are weighed, as the others explain next to
+        nothing; before the recordings they were as likely.
+        """
         if effects == 0:
             return self.none
-        return self.single / max(candidates, 1) * (self.double / self.single) ** (effects - 1)
+        share = self.single * (self.double / self.single) ** (effects - 1)
+        return share / max(math.comb(candidates, effects), 1)
 
     @property
     def shift(self) -> float:
