@@ -23,6 +23,7 @@ from ..where.features import Features
 from ..where.locate import Places, is_adequate, places_of, scan
 from ..where.size import effect_size
 from .beside import beside, promised_beside, together, top_of
+from .containing import containing
 from .elements import counted
 from .exchanged import exchanged
 from .frame import Frame
@@ -285,6 +286,7 @@ class _Search:
             self.known.take_from_elsewhere(from_the_leader(best, self.known.counting, self.quest))
             fitted = {name for name, w in self.known.weighed.items() if w.refitted}
             self.known.take_from_elsewhere(alike(best, fitted, self.quest))
+            self.known.take_from_elsewhere(containing(best, fitted, self.quest))
             self.known.take_from_elsewhere(damped_and_shifted(best, self.known.counting, self.quest))
 
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
