@@ -11,7 +11,7 @@ from bayes_dea.mismatch.search.quest import Quest
 from bayes_dea.mismatch.search.relabel import within
 from bayes_dea.mismatch.search.weigh import Weighed
 
-NAMES = ("parallel_damper", "acquisition_delay", "sensor_lag", "sensor_drift")
+NAMES = ("parallel_damper", "inertia", "acquisition_delay", "sensor_lag", "sensor_drift")
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,19 @@ def test_what_is_known_or_nothing_like_it_is_not_looked_for(late):
     heard = Quest(quest.base, NAMES, quest.given, quest.prior, quest.rng, lambda *say: asked.append(say[-1]))
     alike(lag, known[1:], heard)
     assert asked == [known[0]]  # and nothing in the place of the drift
+
+
+def test_a_damper_is_found_where_a_mass_with_much_damping_was(late):
+    quest, _ = late
+    base = quest.base
+    model = extended(quest.model, ["inertia", "sensor_drift"], quest.given)
+    mass = within(Weighed((), base, base.log_evidence, 0.1, 0.0), base, model, quest.prior)
+    assert mass.log_evidence > base.log_evidence + 100.0  # the premise: it does much of that
+    found = {w.effects: w for w in alike(mass, (), quest)}
+    assert set(found) <= {("parallel_damper", "sensor_drift"), ("sensor_lag", "sensor_drift")}  # for a mass
+    damper = found["parallel_damper", "sensor_drift"]
+    assert damper.log_evidence > mass.log_evidence + 3.0
+    assert damper.fit.values()["d0_Pa_s"] == pytest.approx(2500.0, rel=0.1)
 
 
 def test_one_effect_alone_has_its_rivals_weighed_already(late):

@@ -9,7 +9,7 @@ from ..where.size import effect_size
 from .beside import beside_these, names_beside, together
 from .frame import Frame
 from .hypotheses import extended
-from .promising import of_laws, stripped, too_dear
+from .promising import MASS, of_laws, stripped, too_dear
 from .quest import Quest
 from .weigh import Weighed, refine
 
@@ -20,6 +20,8 @@ LATE = frozenset({
     "series_resistance", "supply_current_limit", "one_quadrant_supply", "extra_relaxation_mode", "parallel_damper",
     "acquisition_delay", "sensor_lag",
 })  # fmt: skip
+#: effects that a mass with a shift, or without one, may pass for
+DAMPED = frozenset({"parallel_damper", "sensor_lag"})
 #: nats behind what leads within which another one is its rival
 _NEAR = 12.0
 
@@ -62,9 +64,10 @@ def alike(w: Weighed, known: Collection[str], quest: Quest) -> list[Weighed]:
     if len(w.effects) < 2:
         return out
     quest = quest.by(w.laws)
-    for effect in (n for n in w.effects if n in LATE):
+    for effect in (n for n in w.effects if n in LATE or n == MASS):
         others = tuple(n for n in w.effects if n != effect)
-        late = [n for n in names_beside(replace(w, effects=others), quest.names) if n in LATE and n != effect]
+        rivals = (LATE if effect in LATE else DAMPED) - {effect}
+        late = [n for n in names_beside(replace(w, effects=others), quest.names) if n in rivals]
         names = {n: together(others, n) for n in late}
         names = {n: both for n, both in names.items() if "+".join(both) not in known and not too_dear(both)}
         frame = without(w, others, quest) if names else None

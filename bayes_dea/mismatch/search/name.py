@@ -268,6 +268,8 @@ class _Search:
         for _ in range(self.brief.most_effects):
             if not self._one_more():
                 break
+        if self._put_right():
+            self._one_more()
         if not self._is_explained and not self.best.adequate and not ranked and self._otherwise(self.quest.base) <= 0.0:
             self._two_below_a_step()
         if not self.best.adequate:
@@ -360,11 +362,31 @@ class _Search:
         """Those that are clearly better than what is known, and change enough to be claimed."""
         return self.known.take_from_elsewhere([t for t in found if self.known.enough(t)])
 
+    def _put_right(self) -> bool:
+        """Put a mode of the best so far where it is needed now, where that leaves something; whether that is another.
+
+        A mode that did the work of an effect (a damper's, at 0.3 ms) is idle once that is in, and may be what is
+        missing elsewhere: what is on no list is to explain no mode that was left where it had strayed.
+        """
+        best = self.best
+        if not self._is_explained or self._is_enough(best):
+            return False
+        better = self._better(put_right(best.weighed, self.known.counting, self.quest))
+        top = max([best.weighed, *better], key=self.known.weight)
+        if top is best.weighed:
+            return False
+        self._lead(top)
+        return True
+
+    def _is_enough(self, found: Explanation) -> bool:
+        """Whether an explanation leaves nothing, nor anything that something smooth would take."""
+        gain = found.discrepancy.gain if found.discrepancy else 0.0
+        return found.adequate and gain < _VISIBLE
+
     def _one_more(self) -> bool:
         """Look for an effect beside the best, where that is not enough; whether yet another may be looked for."""
         best, prior = self.best.weighed, self.brief.prior
-        gain = self.best.discrepancy.gain if self.best.discrepancy else 0.0
-        enough_alone = self.best.adequate and gain < _VISIBLE
+        enough_alone = self._is_enough(self.best)
         if not 1 <= len(best.effects) < self.brief.most_effects:
             return False
         dear = len(best.effects) > 1 and too_dear(best.effects)
@@ -406,7 +428,8 @@ class _Search:
         # one that adds nothing to what is enough without it is no rival of that
         more = self._taken([t for t in more if t.log_evidence > best.log_evidence])
         more += self._taken(shifted_rivals(best, list(self.known.weighed.values()), self.quest))
-        if self.known.physics(best) < 2 and more:
+        # what is behind one that is enough shows of no pair that it needs rivals
+        if self.known.physics(best) < 2 and any(w.log_evidence > best.log_evidence for w in more):
             more += self._taken(
                 in_place_of_the_first(best, more, self.known.counting, self.quest, free is not None)
             )

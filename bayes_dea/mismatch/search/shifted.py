@@ -21,6 +21,7 @@ from ..where.size import effect_size
 from .beside import beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
+from .in_its_place import DAMPED
 from .phase import sample_step_s
 from .promising import MASS, RIVALS
 from .quest import Quest
@@ -32,8 +33,6 @@ Array = NDArray[np.float64]
 _PROMISED = 0.5
 #: nats behind what explains alone at which the descent of a rival is given up
 _FAR_BEHIND = 50.0
-#: effects that a mass with a shift, or without one, may pass for
-_DAMPED = {"parallel_damper", "sensor_lag"}
 #: effects that make an answer late by about a sample, if they are weak
 _LATE = {"series_resistance", "supply_current_limit", "one_quadrant_supply", "leakage", "extra_relaxation_mode",
          "parallel_damper", "inertia", "sensor_lag"}
@@ -65,7 +64,7 @@ def damped_and_shifted(best: Weighed, weighed: Sequence[Weighed], quest: Quest) 
     known = {w.effects for w in weighed if w.refitted}
     late = [
         w for w in weighed
-        if w.refitted and len(w.effects) == 2 and beside < set(w.effects) and set(w.effects) - beside <= _DAMPED
+        if w.refitted and len(w.effects) == 2 and beside < set(w.effects) and set(w.effects) - beside <= DAMPED
         and w.log_evidence > best.log_evidence - _FAR_BEHIND and together(w.effects, DELAY) not in known
     ]  # fmt: skip
     return [found for w in late for found in _half_a_sample_off(w, w.fit, quest)]
