@@ -114,8 +114,7 @@ class CsvSource:
             return column.index - 1
         if self.names.count(str(column.name)) > 1:
             places = [i + 1 for i, n in enumerate(self.names) if n == column.name]
-            own = next((k for k, c in self.fmt.columns.items() if c is column), _readable(str(column.name)))
-            raise ambiguous_column(self.label, own, _readable(str(column.name)), places)
+            raise ambiguous_column(self.label, self.fmt, column, _readable(str(column.name)), places)
         return self._index[str(column.name)]
 
     def missing(self, own: str, column: ColumnMap) -> InputError:

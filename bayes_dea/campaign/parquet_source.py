@@ -25,10 +25,12 @@ class ParquetSource:
         self.path, self.fmt, self.label = path, fmt, label
         self._scratch = scratch or Scratch()
         try:
-            self.names = tuple(parquet.read_schema(path).names)
+            schema = parquet.read_schema(path)
         except (pa.ArrowException, OSError) as exc:
             raise InputError(f"{label}: cannot be read as Parquet; the file was cut or is of another type. "
                              "Copy it again from the recorder.") from exc
+        self.names = tuple(schema.names)
+        self._types = tuple(schema.types)
 
     def has(self, column: ColumnMap) -> bool:
         """Whether the file has that column."""
@@ -48,8 +50,7 @@ class ParquetSource:
             return (column.index or 1) - 1
         places = [i + 1 for i, n in enumerate(self.names) if n == column.name]
         if len(places) > 1:
-            own = next((k for k, c in self.fmt.columns.items() if c is column), column.name)
-            raise ambiguous_column(self.label, own, column.name, places)
+            raise ambiguous_column(self.label, self.fmt, column, column.name, places)
         return places[0] - 1
 
     def read(self, columns: Sequence[ColumnMap]) -> Table:
@@ -62,7 +63,7 @@ class ParquetSource:
             numbers = {}
             for i, (position, column) in enumerate(zip(wanted, columns, strict=True)):
                 if not self._is_text_time(position, column):
-                    numbers[i] = _converter(self._type(position), self.names[position], self.label)
+                    numbers[i] = _converter(self._types[position], self.names[position], self.label)
             times = {i: self._times(wanted[i], columns[i]) for i in range(len(columns)) if i not in numbers}
             rows = 0
             for pieces, count in self._batches(wanted):
@@ -73,15 +74,10 @@ class ParquetSource:
             arrays = gathered.columns()
         return Table(tuple(arrays), lambda i: f"row {i + 1}")
 
-    def _type(self, position: int) -> Any:
-        from pyarrow import parquet
-
-        return parquet.read_schema(self.path).field(position).type
-
     def _is_text_time(self, position: int, column: ColumnMap) -> bool:
         import pyarrow as pa
 
-        kind = self._type(position)
+        kind = self._types[position]
         return column.time_format is not None and (pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
     def _times(self, position: int, column: ColumnMap) -> NDArray[np.float64]:

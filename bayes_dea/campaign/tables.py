@@ -100,8 +100,9 @@ def missing_column(label: str, own: str, column: ColumnMap, names: Sequence[str]
     return InputError(f"{label}: {called} is missing. {found} {remedy}")
 
 
-def ambiguous_column(label: str, own: str, called: str, places: Sequence[int]) -> InputError:
-    """The error for a name that several columns of a file have, at these places (from 1)."""
+def ambiguous_column(label: str, fmt: FormatMap, column: ColumnMap, called: str, places: Sequence[int]) -> InputError:
+    """The error for a name that several columns of a file have, at these places (from 1). called: as it is printed."""
+    own = next((k for k, c in fmt.columns.items() if c is column), called)
     return InputError(f'{label}: {"two" if len(places) == 2 else len(places)} columns are called "{called}", numbers '
                       f"{', '.join(map(str, places[:-1]))} and {places[-1]}. Say which in its [format]: columns.{own} "
                       f"= {{ index = {places[0]} }}.")

@@ -39,9 +39,12 @@ def test_a_leak_that_does_nothing_is_as_good_as_the_resistance_alone(resisted):
     assert pair.log_evidence > quest.base.log_evidence + 100.0  # the premise
     (leak,) = containing(pair, (), quest)
     assert leak.name == PAIR
-    assert leak.fit.objective < pair.fit.objective + 4.0  # its prior of a leak is ln(18.4) wide
-    # of eight decades of leaks some three would show; the activated law has the other half of the prior
-    assert -4.0 < leak.log_evidence - pair.log_evidence < 0.5
+    # four decades of leaks; the resistance before one has a prior of two decades, a resistor of three
+    of_resistance = math.log(3.0 / 2.0)
+    assert leak.fit.objective - pair.fit.objective == pytest.approx(math.log(math.log(1e4)) - of_resistance, abs=0.1)
+    # the activated law has the other half of the prior, and of the plain one the leaks that would show drop out
+    not_seen = leak.log_evidence - pair.log_evidence - leak.shared_prior - of_resistance
+    assert math.log(0.25) < not_seen < 0.2
     assert leak.shared_prior == pytest.approx(-math.log(2.0))
     assert leak.size_m == pytest.approx(pair.size_m, rel=0.01)
     assert leak.fit.values()["R_leak_ohm"] > 1e7

@@ -369,7 +369,7 @@ class _Search:
         missing elsewhere: what is on no list is to explain no mode that was left where it had strayed.
         """
         best = self.best
-        if not self._is_explained or self._is_enough(best):
+        if not self._is_explained or _is_enough(best):
             return False
         better = self._better(put_right(best.weighed, self.known.counting, self.quest))
         top = max([best.weighed, *better], key=self.known.weight)
@@ -378,15 +378,10 @@ class _Search:
         self._lead(top)
         return True
 
-    def _is_enough(self, found: Explanation) -> bool:
-        """Whether an explanation leaves nothing, nor anything that something smooth would take."""
-        gain = found.discrepancy.gain if found.discrepancy else 0.0
-        return found.adequate and gain < _VISIBLE
-
     def _one_more(self) -> bool:
         """Look for an effect beside the best, where that is not enough; whether yet another may be looked for."""
         best, prior = self.best.weighed, self.brief.prior
-        enough_alone = self._is_enough(self.best)
+        enough_alone = _is_enough(self.best)
         if not 1 <= len(best.effects) < self.brief.most_effects:
             return False
         dear = len(best.effects) > 1 and too_dear(best.effects)
@@ -518,3 +513,9 @@ def weigh_delay(
     if not weighed:
         return None
     return weighed[DELAY].log_evidence + math.log(sum(shares(weighed[DELAY], prior_odds(), len(names))))
+
+
+def _is_enough(found: Explanation) -> bool:
+    """Whether an explanation leaves nothing, nor anything that something smooth would take."""
+    gain = found.discrepancy.gain if found.discrepancy else 0.0
+    return found.adequate and gain < _VISIBLE
