@@ -1,11 +1,14 @@
 """A crosstalk of the command into the reading: told as that, and not as a mode of the material that fast."""
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of
 
+from bayes_dea.bench.concealed import draw_case
 from bayes_dea.gauss_newton.descent import value_at
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.diagnosis import diagnose
@@ -18,6 +21,10 @@ from bayes_dea.mismatch.readings.edge_crosstalk import (
     crosstalk_of,
 )
 from bayes_dea.noise.blocks import block_means
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "runs" / "concealed"))
+
+from study import campaign_of
 
 SIZE, TAU_S = -2e-8, 6e-3
 
@@ -56,6 +63,26 @@ def test_its_size_is_found_beside_a_base_that_did_its_work():
     kept = crosstalk_of(base, base, prior, reached[0] + 4.0)
     assert kept.log_evidence == pytest.approx(found.log_evidence, abs=0.1)
     assert crosstalk_of(base, base, prior, reached[0] - 20.0) is None
+
+
+def test_a_start_that_leads_nowhere_does_not_hide_it(monkeypatch):
+    """From the middle of their priors the modes of a noisy campaign went 140 nats astray, from a fit they do not."""
+    problem, prior, q = problem_of(crossed())
+    base = refit(problem, q, prior.start(), prior)
+    astray = base.q.copy()
+    astray[0] += 400.0  # where a model has no answer
+    monkeypatch.setattr("bayes_dea.mismatch.readings.edge_crosstalk.typical", lambda *_: astray)
+    found = crosstalk_of(base, base, prior)
+    assert found.log_evidence > base.log_evidence + 100.0
+    assert found.tau_s == pytest.approx(TAU_S, rel=0.25)
+
+
+@pytest.mark.long
+def test_a_weak_one_of_3_ms_is_no_mode_as_fast():
+    case = draw_case(1568054)
+    s = diagnose(campaign_of(case), case.model, seed=1).summary
+    assert case.truth == "unknown:edge_crosstalk"
+    assert s["verdict"] == "unknown"
 
 
 def test_where_there_is_none_nothing_is_promised():

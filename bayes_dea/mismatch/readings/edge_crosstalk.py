@@ -3,8 +3,8 @@ milliseconds; physics of no actuator, and on no list of effects.
 
 A mode of the material that fast does nearly the same at an edge of a given height, but goes as the square of the
 voltage. Where a further mode is claimed a crosstalk is weighed in its place, because a descent from one does not lead
-to the other: with the mode gone, the modes of the base have gone to do its work, and stay there. From the middle of
-their priors they find back.
+to the other: with the mode gone, the modes of the base may have gone to do its work, and stay there. From the middle of
+their priors they find back, if not always to where they were.
 Equation: y = x + k w, w' = V' - w / tau of the command, a capacitive coupling into a high input (Ott, Electromagnetic
 Compatibility Engineering, 2009, ch. 2).
 """
@@ -130,7 +130,8 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf
 
     middle = typical(fit, base.problem.model)
     for tau_s in _TAUS_S[1::2]:
-        fitted(tau_s, middle, above)
+        for start in (fit.q, middle):
+            fitted(tau_s, start, above)
     if not fits:
         return None
     top = max(fits, key=lambda t: fits[t].log_evidence)

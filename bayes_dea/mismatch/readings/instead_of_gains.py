@@ -7,7 +7,6 @@ as a sensor that was moved (`MOVED`, `PRIOR`), so that their evidences decide.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from ..left_out import Repaired
 from ..where.size import repair_size
 from .edge_crosstalk import crosstalk_of
 from .holder_resonance import resonance_of
-from .output_play import BEGINNINGS, play_of
+from .output_play import plays_of
 from .supply_offset import offset_of
 from .unlisted import CLEAR
 
@@ -28,8 +27,8 @@ def better_than_gains(
     """Whether something unlisted beside a fit is clearly likelier than the fit with a gain of each recording (loose),
     and than what is ahead of that by so many nats (behind). It has to move a recording by what the sensor resolves."""
     beyond = max(loose.log_evidence + behind, fit.log_evidence) + CLEAR
-    found = ((f, odds) for f, odds in _unlisted(fit, prior, beyond) if f is not None)
-    return any(f.log_evidence + odds > beyond and repair_size(fit, f.repaired) >= resolution_m for f, odds in found)
+    found = (f for f in _unlisted(fit, prior, beyond) if f is not None)
+    return any(f.log_evidence > beyond and repair_size(fit, f.repaired) >= resolution_m for f in found)
 
 
 class _Known(Protocol):
@@ -39,10 +38,9 @@ class _Known(Protocol):
     def repaired(self) -> Repaired: ...
 
 
-def _unlisted(fit: Fit, prior: NoisePrior, beyond: float) -> Iterator[tuple[_Known | None, float]]:
-    """What is known beside a fit, one worked out after the other, with its log prior odds among its kind."""
-    yield resonance_of(fit, fit, prior), 0.0
-    for start in BEGINNINGS:
-        yield play_of(fit, prior, beyond, start), -math.log(len(BEGINNINGS))
-    yield offset_of(fit, prior, beyond), 0.0
-    yield crosstalk_of(fit, fit, prior), 0.0
+def _unlisted(fit: Fit, prior: NoisePrior, beyond: float) -> Iterator[_Known | None]:
+    """What is known beside a fit, one worked out after the other."""
+    yield resonance_of(fit, fit, prior)
+    yield from plays_of(fit, prior, beyond)
+    yield offset_of(fit, prior, beyond)
+    yield crosstalk_of(fit, fit, prior)

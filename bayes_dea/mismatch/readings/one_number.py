@@ -13,7 +13,7 @@ from ...gauss_newton.problem import Problem
 from ...gauss_newton.refit import Fit, refit
 from ..left_out import Repaired
 
-#: nats that a parabola through three places may be off by
+#: nats that a parabola through three places may be off by, and the difference of two climbs between places
 _SLACK = 10.0
 
 
@@ -44,49 +44,77 @@ class Sized:
     repaired: Repaired
 
 
-def highest(
-    fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float,
-    beyond: float,
-) -> Highest | None:
-    """The peak along a number that is zero in a fit and positive else; None where it is zero, or surely not so high.
+class Climb:
+    """Fits along a number that is zero in a fit and positive else, each made once, from the nearest that is known.
 
     changed: a problem, that of the fit, with the number. first: where is looked first, doubled up to the largest as
-    long as that helps. beyond: log evidence that makes it worth a close look.
+    long as that helps. like: a climb along a number nearly like it, where that ended above zero; then its top is where
+    is looked first, and all where this one lies so far below it that it is no rival.
     """
-    fits: dict[float, Fit | None] = {0.0: fit}
 
-    def nearest(x: float) -> Fit:
-        return min(((abs(v - x), f) for v, f in fits.items() if f is not None), key=lambda pair: pair[0])[1]
+    def __init__(
+        self, fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float,
+        like: Climb | None = None,
+    ) -> None:  # fmt: skip
+        self._fit, self._prior, self._changed, self._largest = fit, prior, changed, largest
+        self._fits: dict[float, Fit | None] = {0.0: fit}
+        #: of places: what is nearer than that is the same
+        self._digits = 4 - math.floor(math.log10(first))
+        self._hopeless = False
+        if like is not None and like.top > 0.0:
+            self._fits[like.top] = self._made(like.top, like.best, coarse=True)
+            self._hopeless = self.at(like.top) < like.at(like.top) - _SLACK
+            if not self._hopeless:
+                for x in like.about_the_top():
+                    self.at(x)
+        elif self.at(first, coarse=True) > self.at(0.0):
+            step = first
+            while step < largest and self.at(min(2.0 * step, largest), coarse=True) > self.at(step):
+                step = min(2.0 * step, largest)
 
-    def at(x: float) -> float:
-        if x not in fits:
-            near = nearest(x)
-            fits[x] = refit(changed(fit.problem, x), near.q, near.noise, prior)
-        found = fits[x]
+    @property
+    def top(self) -> float:
+        """Where the best fit is."""
+        return max(self._fits, key=self.at)
+
+    @property
+    def best(self) -> Fit:
+        """That fit."""
+        return self._fits[self.top] or self._fit
+
+    def at(self, x: float, coarse: bool = False) -> float:
+        """Log evidence there; coarse: far from an explanation not to a part of a nat."""
+        if x not in self._fits:
+            near = min(((abs(v - x), f) for v, f in self._fits.items() if f is not None), key=lambda pair: pair[0])[1]
+            self._fits[x] = self._made(x, near, coarse)
+        found = self._fits[x]
         return -math.inf if found is None else found.log_evidence
 
-    if not at(first) > at(0.0):
-        return None
-    step = first
-    while step < largest and at(min(2.0 * step, largest)) > at(step):
-        step = min(2.0 * step, largest)
-    top = max(fits, key=at)
-    digits = 4 - math.floor(math.log10(first))  # of places: what is nearer than that is the same
-    for _ in range(2):
-        order = sorted(fits)
-        k = min(max(order.index(top), 1), len(order) - 2)
-        peak = parabola(order[k - 1 : k + 2], list(map(at, order[k - 1 : k + 2])))
-        if peak is None:
+    def about_the_top(self) -> list[float]:
+        """Three places, the top in their middle if it is not the last."""
+        order = sorted(self._fits)
+        k = min(max(order.index(self.top), 1), len(order) - 2)
+        return order[k - 1 : k + 2]
+
+    def _made(self, x: float, near: Fit, coarse: bool = False) -> Fit | None:
+        return refit(self._changed(self._fit.problem, x), near.q, near.noise, self._prior, coarse=coarse)
+
+    def peak(self, beyond: float) -> Highest | None:
+        """The peak; None where the number is zero, or the peak surely not so high that it lies beyond this."""
+        if self._hopeless or self.top == 0.0:
             return None
-        middle = min(max(peak.at, 0.0), largest)
-        if peak.height < beyond - _SLACK:
-            return None
-        for x in (middle, middle - 2.0 * peak.sd, middle + 2.0 * peak.sd):
-            at(round(max(x, 0.0), digits))
-        top = max(fits, key=at)
-    near = sorted(sorted(fits, key=lambda v: abs(v - top))[:3])
-    peak, best = parabola(near, list(map(at, near))), fits[top]
-    return None if peak is None or best is None else Highest(peak.at, peak.sd, peak.height, top, best)
+        for _ in range(2):
+            three = self.about_the_top()
+            peak = parabola(three, list(map(self.at, three)))
+            if peak is None or peak.height < beyond - _SLACK:
+                return None
+            middle = min(max(peak.at, 0.0), self._largest)
+            for x in (middle, middle - 2.0 * peak.sd, middle + 2.0 * peak.sd):
+                self.at(round(max(x, 0.0), self._digits))
+        top = self.top
+        near = sorted(sorted(self._fits, key=lambda v: abs(v - top))[:3])
+        peak = parabola(near, list(map(self.at, near)))
+        return None if peak is None else Highest(peak.at, peak.sd, peak.height, top, self.best)
 
 
 def parabola(at: Sequence[float], height: Sequence[float]) -> Peak | None:

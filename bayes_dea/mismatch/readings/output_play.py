@@ -24,7 +24,7 @@ from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.weigh import Weighed
-from .one_number import Sized, highest
+from .one_number import Climb, Sized
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 _FRICTION = "rate_independent_hysteresis"
@@ -73,14 +73,21 @@ def output_play(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | Non
 
 
 def _beside(claimed: Claimed, rest: Weighed, prior: NoisePrior, named: str) -> Iterator[OutputPlay]:
-    """A play beside what stays of a claim, from either beginning, where it is likelier than what is named, or nearly.
-    """
-    cost = claimed.cost(rest) - math.log(len(BEGINNINGS))
-    beyond = (CLEAR if named == UNKNOWN else -_RIVAL) - cost
+    """A play beside what stays of a claim, where it is likelier than what is named, or nearly."""
+    cost = claimed.cost(rest)
+    for at in plays_of(rest.fit, prior, (CLEAR if named == UNKNOWN else -_RIVAL) - cost):
+        yield OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
+
+
+def plays_of(fit: Fit, prior: NoisePrior, beyond: float) -> Iterator[Sized]:
+    """A play (m) beside a fit from each of the places in it where recordings may begin, where the log evidence with it,
+    that place being one of these, lies beyond so many nats."""
+    climb: Climb | None = None
     for start in BEGINNINGS:
-        at = play_of(rest.fit, prior, beyond, start)
+        climb = _climb(fit, prior, start, climb)
+        at = _sized(climb, start, beyond + math.log(len(BEGINNINGS)))
         if at is not None:
-            yield OutputPlay(at.mean, at.sd, at.log_evidence + cost, at.log_evidence, rest.name, at.repaired)
+            yield replace(at, log_evidence=at.log_evidence - math.log(len(BEGINNINGS)))
 
 
 def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> Sized | None:
@@ -88,11 +95,18 @@ def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> S
 
     start: where in it the recordings begin, -1 to 1 (see `Plant`).
     """
+    return _sized(_climb(fit, prior, start), start, beyond)
 
+
+def _climb(fit: Fit, prior: NoisePrior, start: float, like: Climb | None = None) -> Climb:
     def with_it(problem: Problem, play_m: float) -> Problem:
         return replace(problem, pieces=tuple(with_play(p, play_m, start) for p in problem.pieces))
 
-    peak = highest(fit, prior, with_it, _FIRST_M, _MOST_M, beyond)
+    return Climb(fit, prior, with_it, _FIRST_M, _MOST_M, like)
+
+
+def _sized(climb: Climb, start: float, beyond: float) -> Sized | None:
+    peak = climb.peak(beyond)
     if peak is None or peak.at < _LEAST_M:
         return None
     # integrated out, with its prior

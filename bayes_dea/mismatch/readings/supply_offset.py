@@ -20,7 +20,7 @@ from ...models.nodes import Nodes
 from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
-from .one_number import Sized, highest
+from .one_number import Climb, Sized
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 #: sd (V) of the prior of an offset, the largest that is looked for, and where is looked first
@@ -79,7 +79,7 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> Sized | None:
     def raised(problem: Problem, volts: float) -> Problem:
         return replace(problem, pieces=tuple(with_offset(p, volts) for p in problem.pieces))
 
-    peak = highest(fit, prior, raised, _FIRST_V, _LARGEST_V, beyond)
+    peak = Climb(fit, prior, raised, _FIRST_V, _LARGEST_V).peak(beyond)
     if peak is None:
         return None
     # the offset integrated out, with its prior

@@ -7,6 +7,7 @@ slow mode and two modes that of a fast one; no descent leads from there to where
 
 from __future__ import annotations
 
+from ...gauss_newton.descent import End, approach, value_at
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.refit import Fit, refit
 from ..where.size import effect_size
@@ -15,8 +16,8 @@ from .relocate import FAST_STEPS, with_modes
 from .weigh import Weighed
 
 ABSORPTION = "dielectric_absorption"
-#: nats by which it has to be better there
-_BETTER = 3.0
+#: nats by which it has to be better there, and steps before a descent that stays behind is given up
+_BETTER, _PATIENCE = 3.0, 3
 
 
 def exchanged(w: Weighed, quest: Quest) -> Weighed | None:
@@ -27,21 +28,24 @@ def exchanged(w: Weighed, quest: Quest) -> Weighed | None:
     spec = w.fit.problem.model.spec
     if ABSORPTION not in w.effects or not w.refitted or spec.network != "gm":
         return None
-    fits = [f for f in _with_each_mode(w.fit, spec.elements, quest.prior) if f is not None]
-    best = min(fits, key=lambda f: f.objective, default=w.fit)
-    if best.objective > w.fit.objective - _BETTER:
+    ends = _with_each_mode(w.fit, spec.elements, quest.prior)
+    best = min(ends, key=lambda e: e.value, default=None)
+    if best is None:
         return None
-    fit = refit(best.problem, best.q, best.noise, quest.prior, known=best.linearisation)
+    fit = refit(w.fit.problem, best.q, quest.prior.start(), quest.prior)
     if fit is None or fit.log_evidence < w.log_evidence + _BETTER:
         return None
     return Weighed(w.effects, fit, fit.log_evidence, 0.1, effect_size(quest.base, fit))
 
 
-def _with_each_mode(fit: Fit, elements: int, prior: NoisePrior) -> list[Fit | None]:
-    """The fit with the absorption where each of the modes is that recordings show as one."""
+def _with_each_mode(fit: Fit, elements: int, prior: NoisePrior) -> list[End]:
+    """Descents with the absorption where each of the modes is that recordings show as one; those that end lower than
+    the fit, with what sensors are said to scatter by."""
     values, least = fit.values(), FAST_STEPS * min(p.prepared.step_s for p in fit.problem.pieces)
     modes = [(values[f"tau_{j}_s"], values[f"k_{j}_Pa"]) for j in range(1, elements + 1)]
-    out: list[Fit | None] = []
+    noise = prior.start()
+    here = value_at(fit.problem, fit.q, noise)
+    out: list[End] = []
     for j, (tau, k) in enumerate(modes):
         if tau < least:
             continue
@@ -49,5 +53,7 @@ def _with_each_mode(fit: Fit, elements: int, prior: NoisePrior) -> list[Fit | No
         there = {**values, "tau_d_s": tau, "chi": k / values["Y_Pa"]}
         back = (values["tau_d_s"], values["chi"] * values["Y_Pa"])
         q = with_modes(fit, fit.problem.model, there, [*modes[:j], back, *modes[j + 1 :]])
-        out.append(refit(fit.problem, q, prior.start(), prior, coarse=True))
+        end = approach(fit.problem, q, noise, hopeless_above=here, patience=_PATIENCE)
+        if end is not None and end.value < here:
+            out.append(end)
     return out

@@ -34,6 +34,8 @@ _COARSEST = 2.0
 _WEAK = (0.02, 0.004)
 #: the same of a strength that is uniform from zero, in shares of its range
 _SLIGHT = (0.04, 0.008, 0.0016)
+#: share of a uniform prior from zero at which what it refines is as good as absent
+_ABSENT = 0.01
 #: nats by which a limit that acts on nothing may differ from the base, sections of the search for one just reached
 _IDLE = 1e-3
 _SECTIONS = 12
@@ -89,7 +91,9 @@ def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, flo
     """Further points where the grid of quantiles would miss an effect; they find, they do not weigh.
 
     Close to the ends of a uniform prior that stands alone, where a limit is just reached; for a strength among others,
-    in the lower tail of its prior, because an effect that is three times too strong looks worse than none.
+    in the lower tail of its prior, because an effect that is three times too strong looks worse than none. There also
+    where the last one of three, uniform from zero, is next to nothing: softening that comes at once is on the other
+    side of a ridge.
     """
     priors = [model.priors.free[i].prior for i in index]
     if len(priors) == 1 and priors[0].family == "uniform":
@@ -105,6 +109,8 @@ def finding_points(model: Model, index: NDArray[np.int64], values: dict[str, flo
     else:
         return []
     others = sorted({tuple(map(float, point[1:])) for point in grid_points(model, index, values, sparse)})
+    if len(priors) == 3 and priors[2].family == "uniform" and priors[2].a == 0.0:
+        others += [(x, _ABSENT * priors[2].b) for x in sorted({x for x, _ in others})]
     return [np.array([x, *rest]) for x in weak for rest in others]
 
 
