@@ -12,7 +12,7 @@ from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.prove import HeldOut, held_out, leave_out_in_turn, with_repair
 from bayes_dea.mismatch.readings.edge_crosstalk import crosstalk_of
 from bayes_dea.mismatch.readings.holder_resonance import resonance_of
-from bayes_dea.mismatch.readings.output_play import play_of
+from bayes_dea.mismatch.readings.output_play import plays_of
 from bayes_dea.mismatch.readings.supply_offset import offset_of
 from bayes_dea.mismatch.unknown import _TERMS, Reach, Terms, regressed
 from bayes_dea.mismatch.where.features import features
@@ -45,7 +45,7 @@ def found_in(name):
         return fit, prior, held, offset_of(fit, prior, fit.log_evidence).repaired
     fit, prior, held = fitted(concealed(CONCEALED[name], scale=0.3))
     find = {
-        "play": lambda: play_of(fit, prior, fit.log_evidence, 1.0),
+        "play": lambda: max(plays_of(fit, prior, fit.log_evidence), key=lambda s: s.log_evidence),
         "crosstalk": lambda: crosstalk_of(fit, fit, prior),
         "resonance": lambda: resonance_of(fit, fit, prior),
     }

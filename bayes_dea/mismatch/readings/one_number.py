@@ -47,30 +47,33 @@ class Sized:
 class Climb:
     """Fits along a number that is zero in a fit and positive else, each made once, from the nearest that is known.
 
-    changed: a problem, that of the fit, with the number. first: where is looked first, doubled up to the largest as
-    long as that helps. like: a climb along a number nearly like it, where that ended above zero; then its top is where
-    is looked first, and all where this one lies so far below it that it is no rival.
+    changed: a problem, that of the fit, with the number. first: where is looked first; largest: where last.
     """
 
     def __init__(
-        self, fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float,
-        like: Climb | None = None,
-    ) -> None:  # fmt: skip
-        self._fit, self._prior, self._changed, self._largest = fit, prior, changed, largest
+        self, fit: Fit, prior: NoisePrior, changed: Callable[[Problem, float], Problem], first: float, largest: float
+    ) -> None:
+        self._fit, self._prior, self._changed = fit, prior, changed
+        self._first, self._largest = first, largest
         self._fits: dict[float, Fit | None] = {0.0: fit}
-        #: of places: what is nearer than that is the same
-        self._digits = 4 - math.floor(math.log10(first))
-        self._hopeless = False
-        if like is not None and like.top > 0.0:
-            self._fits[like.top] = self._made(like.top, like.best, coarse=True)
-            self._hopeless = self.at(like.top) < like.at(like.top) - _SLACK
-            if not self._hopeless:
-                for x in like.about_the_top():
-                    self.at(x)
-        elif self.at(first, coarse=True) > self.at(0.0):
-            step = first
-            while step < largest and self.at(min(2.0 * step, largest), coarse=True) > self.at(step):
-                step = min(2.0 * step, largest)
+
+    def go_up(self) -> None:
+        """From where is looked first on, doubled as long as that helps."""
+        step = self._first
+        if not self.at(step, coarse=True) > self.at(0.0):
+            return
+        while step < self._largest and self.at(min(2.0 * step, self._largest), coarse=True) > self.at(step):
+            step = min(2.0 * step, self._largest)
+
+    def keeps_up_with(self, other: Climb) -> bool:
+        """About the top of a climb along a number nearly like it, above zero; whether it is no further below that than
+        two such climbs differ between places. What is further below is no rival, and looked at no closer."""
+        self._fits[other.top] = self._made(other.top, other.best, coarse=True)
+        if self.at(other.top) < other.at(other.top) - _SLACK:
+            return False
+        for x in other.about_the_top():
+            self.at(x)
+        return True
 
     @property
     def top(self) -> float:
@@ -101,8 +104,9 @@ class Climb:
 
     def peak(self, beyond: float) -> Highest | None:
         """The peak; None where the number is zero, or the peak surely not so high that it lies beyond this."""
-        if self._hopeless or self.top == 0.0:
+        if self.top == 0.0:
             return None
+        digits = 4 - math.floor(math.log10(self._first))  # of places: what is nearer than that is the same
         for _ in range(2):
             three = self.about_the_top()
             peak = parabola(three, list(map(self.at, three)))
@@ -110,7 +114,7 @@ class Climb:
                 return None
             middle = min(max(peak.at, 0.0), self._largest)
             for x in (middle, middle - 2.0 * peak.sd, middle + 2.0 * peak.sd):
-                self.at(round(max(x, 0.0), self._digits))
+                self.at(round(max(x, 0.0), digits))
         top = self.top
         near = sorted(sorted(self._fits, key=lambda v: abs(v - top))[:3])
         peak = parabola(near, list(map(self.at, near)))

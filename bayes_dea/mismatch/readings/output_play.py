@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
@@ -82,27 +83,22 @@ def _beside(claimed: Claimed, rest: Weighed, prior: NoisePrior, named: str) -> I
 def plays_of(fit: Fit, prior: NoisePrior, beyond: float) -> Iterator[Sized]:
     """A play (m) beside a fit from each of the places in it where recordings may begin, where the log evidence with it,
     that place being one of these, lies beyond so many nats."""
-    climb: Climb | None = None
+    among = math.log(len(BEGINNINGS))
+    before: Climb | None = None
     for start in BEGINNINGS:
-        climb = _climb(fit, prior, start, climb)
-        at = _sized(climb, start, beyond + math.log(len(BEGINNINGS)))
+        climb = Climb(fit, prior, partial(_loosened, start=start), _FIRST_M, _MOST_M)
+        if before is None or before.top == 0.0:
+            climb.go_up()
+        elif not climb.keeps_up_with(before):
+            continue
+        at = _sized(climb, start, beyond + among)
         if at is not None:
-            yield replace(at, log_evidence=at.log_evidence - math.log(len(BEGINNINGS)))
+            yield replace(at, log_evidence=at.log_evidence - among)
+        before = climb
 
 
-def play_of(fit: Fit, prior: NoisePrior, beyond: float, start: float = 0.0) -> Sized | None:
-    """A play (m) beside a fit, where the log evidence with it lies beyond so many nats; else None.
-
-    start: where in it the recordings begin, -1 to 1 (see `Plant`).
-    """
-    return _sized(_climb(fit, prior, start), start, beyond)
-
-
-def _climb(fit: Fit, prior: NoisePrior, start: float, like: Climb | None = None) -> Climb:
-    def with_it(problem: Problem, play_m: float) -> Problem:
-        return replace(problem, pieces=tuple(with_play(p, play_m, start) for p in problem.pieces))
-
-    return Climb(fit, prior, with_it, _FIRST_M, _MOST_M, like)
+def _loosened(problem: Problem, play_m: float, start: float) -> Problem:
+    return replace(problem, pieces=tuple(with_play(p, play_m, start) for p in problem.pieces))
 
 
 def _sized(climb: Climb, start: float, beyond: float) -> Sized | None:

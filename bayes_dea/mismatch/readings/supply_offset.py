@@ -79,7 +79,9 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> Sized | None:
     def raised(problem: Problem, volts: float) -> Problem:
         return replace(problem, pieces=tuple(with_offset(p, volts) for p in problem.pieces))
 
-    peak = Climb(fit, prior, raised, _FIRST_V, _LARGEST_V).peak(beyond)
+    climb = Climb(fit, prior, raised, _FIRST_V, _LARGEST_V)
+    climb.go_up()
+    peak = climb.peak(beyond)
     if peak is None:
         return None
     # the offset integrated out, with its prior

@@ -465,8 +465,9 @@ class _Search:
             if not self.quest.explained_by(top_of(more, start).fit):
                 more += self._taken(helped_elsewhere(start, more, self.known.counting, self.quest))
         if not self.quest.explained_by(top_of(more, start).fit):
-            best = {w.name: w for w in sorted([start, *more], key=self.known.weight)}.values()
-            more += self._taken([w for w in (exchanged(m, self.quest) for m in best) if w is not None])
+            # the likeliest of what was found twice
+            once = {w.name: w for w in sorted([start, *more], key=self.known.weight)}
+            more += self._taken([w for w in (exchanged(m, self.quest) for m in once.values()) if w is not None])
         return more
 
     def _swapped_and_shifted(self, start: Weighed, pairs: list[Weighed]) -> list[Weighed]:
