@@ -107,13 +107,18 @@ def supplied_voltage(plant: Plant, nodes: Nodes) -> NDArray[np.float64]:
 
 def _supplied(plant: Plant, steps: Steps) -> Steps:
     """What a supply with limits makes of commanded steps."""
+    limits = plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s, plant.tau_fall_s
+    return steps.supplied(limits, None, lambda: _limited(steps, *limits))
+
+
+def _limited(steps: Steps, dead_V: float, top_V: float, slew_V_per_s: float, tau_fall_s: float) -> Steps:
     at = np.empty(steps.h.size, dtype=np.int64)
     room, many = 0, 2 * at.size
     while many > room:
         room = many
         lines = np.empty((3, room))
-        many = supply(steps.h, steps.u0, steps.u1, steps.rows, plant.V_dead_V, plant.V_max_V, plant.slew_V_per_s,
-                      plant.tau_fall_s, lines[0], lines[1], lines[2], at)
+        many = supply(steps.h, steps.u0, steps.u1, steps.rows, dead_V, top_V, slew_V_per_s, tau_fall_s, lines[0],
+                      lines[1], lines[2], at)
     h, u0, u1 = lines[:, :many]
     return Steps(h, u0, u1, np.ones(many, dtype=np.int64), steps.asked(at))
 

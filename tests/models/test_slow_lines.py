@@ -24,7 +24,7 @@ T = np.arange(24_000) * 1e-3
 PHASE = 0.1 * np.clip(T - 0.5, 0, None) % 1.0
 SINE = np.where(T > 0.5, 650 + 400 * np.sin(2 * np.pi * PHASE), 0.0)
 TRIANGLE = np.where(T > 0.5, 650 + 400 * (1 - 4 * np.abs((PHASE + 0.25) % 1.0 - 0.5)), 0.0)
-ROUGH = ("mains_pickup", "sensor_clipping", "supply_saturation", "supply_dead_zone", "inertia", "mullins_softening")
+ROUGH = ("mains_pickup", "sensor_clipping", "supply_saturation", "inertia")
 SMOOTH = [name for name, effect in registered_effects().items() if "voltage" in effect.acts_on
           and name not in ROUGH]
 
@@ -63,8 +63,10 @@ def test_few_nodes_know_what_all_know(name, volts):
         assert plant.is_smooth
         y, x = simulate_nodes(plant, full), simulate_nodes(plant, few)
         gap = at_rows(few, x) - at_rows(full, y)
-        # of 200 um; what comes late sees a staircase, and a delay is read off where it is straight between nodes
+        # of 200 um; what comes late sees a staircase, and a delay is read off where it is straight between nodes; what
+        # softens has corners where a maximum is passed again, somewhere on a line
         largest, mean = (0.008, 0.002) if plant.is_unhurried else (0.05, 0.015)
+        largest = 0.2 if plant.mullins_share > 0.0 else largest
         assert np.abs(gap).max() < largest * UM
         assert np.sqrt(np.mean(gap**2)) < mean * UM
 
