@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import pytest
 
@@ -33,12 +34,12 @@ class Calm:
     nothing_claimed: bool = False
 
 
-def weights(best, gain):
+def weights(best, gain, labelled=None):
     none = Stub((), 0.0, 0.0)
     known = Known(none, 1e-7, ODDS, 19, (), {best.name: best})
     bare = Explanation(none, Calm(p_value=1e-9), Discrepancy(20.0, 1e-6))
     explained = [bare, Explanation(best, Calm(), Discrepancy(gain, 0.3e-6))]
-    return log_probabilities(known, bare, explained, ODDS, None)
+    return log_probabilities(known, bare, explained, ODDS, None, labelled or {})
 
 
 @pytest.mark.parametrize("lead", [50.0, 400.0])
@@ -59,3 +60,16 @@ def test_a_mismatch_that_no_effect_explains_has_the_odds_of_what_is_unlisted():
     evidence, _, weight = weights(Stub(("sensor_drift",), 1.0), -5.0)
     assert evidence[UNKNOWN] == 20.0
     assert weight[UNKNOWN] - weight["none"] == pytest.approx(20.0 + math.log(ODDS.unknown / ODDS.none))
+
+
+def test_any_mode_may_be_the_further_one():
+    """Found by one labelling, from which a ridge has taken 2 nats; another one is 3 nats likelier by the priors."""
+    found = Stub(("extra_relaxation_mode", "sensor_drift"), 48.0)
+    labelled = {found.name: [SimpleNamespace(log_evidence=50.0), SimpleNamespace(log_evidence=53.0)]}
+    before, _, _ = weights(found, 0.0, {found.name: labelled[found.name][:1]})
+    evidence, _, weight = weights(found, 0.0, labelled)
+    more = math.log(1.0 + math.exp(3.0))
+    assert before[found.name] == 48.0
+    assert evidence[found.name] == pytest.approx(48.0 + more)
+    # and no less for what is unlisted beside it
+    assert weight[UNKNOWN] - weight[found.name] == pytest.approx(math.log(ODDS.unknown / ODDS.none))

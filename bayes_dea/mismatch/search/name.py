@@ -294,16 +294,18 @@ class _Search:
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
         """The probabilities of all that was weighed."""
         prior = self.brief.prior
-        evidence, error, log_p = log_probabilities(self.known, self.none, [self.best, *self.others], self.odds, prior)
+        weight = self.known.weight
+        least = max(map(weight, [self.none.weighed, *self.known.counting])) - WORTH_LABELLING
+        labelled = {
+            w.name: labellings(w, prior) for w in self.known.counting if FURTHER in w.effects and weight(w) > least
+        }
+        evidence, error, log_p = log_probabilities(
+            self.known, self.none, [self.best, *self.others], self.odds, prior, labelled
+        )
         total = float(logsumexp(list(log_p.values())))
         probability = with_adequacy(
             {k: math.exp(v - total) for k, v in log_p.items()}, self.best, self.none, self.brief.resolution_m
         )
-        labelled = {
-            w.name: labellings(w, prior)
-            for w in self.known.weighed.values()
-            if FURTHER in w.effects and probability.get(w.name, 0.0) > WORTH_LABELLING
-        }
         return Naming(
             self.none, self.best, self.known.weighed, evidence, error, probability, log_p, skipped, labelled, visible,
             {w.name: self.known.timing(w) for w in self.known.counting if DELAY in w.effects}, self.put_off,

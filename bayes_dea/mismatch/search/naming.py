@@ -25,8 +25,11 @@ Array = NDArray[np.float64]
 
 #: nats behind at which a probability is zero in floating point
 _UNDERFLOW = -700.0
-#: probability from which on it matters which of its modes a hypothesis calls the further one
-WORTH_LABELLING = 0.01
+#: probability from which on the freedom of a hypothesis with a further mode is that of the one without it, too
+_WORTH_FREEING = 0.01
+#: nats behind up to which it matters which of its modes a hypothesis calls the further one: the priors of the places
+#: may speak for another labelling than the one that was found, by so much
+WORTH_LABELLING = 12.0
 #: probability that a mismatch is nothing where a scan refutes the explanation just so
 _LEFT = 0.2
 #: probability that one below what the sensor resolves is something all the same
@@ -106,22 +109,29 @@ def but_for_what_is_too_small(
 
 
 def log_probabilities(
-    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Odds, noise: NoisePrior
+    known: Known, none: Explanation, explained: Sequence[Explanation], odds: Odds, noise: NoisePrior,
+    labelled: Mapping[str, Sequence[Fit]],
 ) -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Log evidence, its error, and log evidence with prior odds (not normalised), of every hypothesis by its name.
 
     What explains less than the resolution is not claimed as physics. That the modes of the base lie elsewhere than
-    expected speaks for no further one (`places`).
+    expected speaks for no further one (`places`); which of them is the further one is anybody's guess, so that all
+    labellings count together. labelled: of those that matter, by name, the found one first (`relabel.labellings`).
     """
+    # what all labellings have beyond the one that was found
+    further_by = {
+        name: float(logsumexp([f.log_evidence - fits[0].log_evidence for f in fits])) for name, fits in labelled.items()
+    }
     evidence = {NONE: none.weighed.log_evidence}
     error = {NONE: none.weighed.log_evidence_se}
     prior_of = {NONE: odds.none, UNKNOWN: odds.unknown}
     for w in known.counting:
-        evidence[w.name], error[w.name] = w.log_evidence, w.log_evidence_se
+        evidence[w.name] = w.log_evidence + further_by.get(w.name, 0.0)
+        error[w.name] = w.log_evidence_se
         prior_of[w.name] = known.share(w)
     beside = [e for e in explained if e.discrepancy is not None]
     unlisted = max(beside, key=lambda e: _with_discrepancy(e) + math.log(known.share(e.weighed)))
-    evidence[UNKNOWN] = _with_discrepancy(unlisted)
+    evidence[UNKNOWN] = _with_discrepancy(unlisted) + further_by.get(unlisted.weighed.name, 0.0)
     # something unlisted beside what is listed takes both; else it would beat what is listed wherever nobody can see it
     prior_of[UNKNOWN] = odds.unknown / odds.none * known.share(unlisted.weighed)
     error[UNKNOWN] = 0.5
@@ -129,8 +139,11 @@ def log_probabilities(
     def weights() -> dict[str, float]:
         return {k: evidence[k] + math.log(prior_of[k]) for k in evidence}
 
-    least = max(weights().values()) + math.log(WORTH_LABELLING)
-    further = [w for w in known.counting if FURTHER in w.effects and weights()[w.name] > least]
+    least = max(weights().values()) + math.log(_WORTH_FREEING)
+    further = [
+        replace(w, fit=max(labelled.get(w.name, (w.fit,)), key=lambda f: f.log_evidence))
+        for w in known.counting if FURTHER in w.effects and weights()[w.name] > least
+    ]  # fmt: skip
     evidence = with_free_places(evidence, further, noise)
     return evidence, error, weights()
 
