@@ -42,6 +42,28 @@ def test_a_rival_whose_base_went_astray_comes_back_to_the_leaders():
     assert all(t.log_evidence < rival.log_evidence + 1.0 for t in from_the_leader(leader, [rival], quest))
 
 
+def test_a_rival_may_be_read_late_beside_a_leader_that_is_not():
+    """A damper read 0.3 samples late, its slowest mode astray, and a lag that leads with its modes in their places."""
+    problem, prior, q = problem_of(concealed({"parallel_damper": {"d0_Pa_s": 3000.0}}))
+    base = refit(problem, q, prior.start(), prior)
+    start = Weighed((), base, base.log_evidence, 0.1, 0.0)
+    leader = within(start, base, extended(problem.model, ["sensor_lag"], {}), prior)
+    rival = within(leader, base, extended(problem.model, ["parallel_damper", "acquisition_delay"], {}), prior)
+    fit = rival.fit
+    away = fit.q.copy()
+    away[fit.problem.model.priors.names.index("tau_1_s")] += np.log(30.0)
+    stuck = refit(fit.problem, away, fit.noise, prior, max_steps=0, fit_noise=False)
+    assert stuck.log_evidence < fit.log_evidence - 5.0  # the premise
+    astray = replace(rival, fit=stuck, log_evidence=stuck.log_evidence)
+    quest = Quest(base, (), {}, prior, np.random.default_rng(1))
+    near = replace(leader, log_evidence=stuck.log_evidence + 5.0)
+    (back,) = from_the_leader(near, [astray, leader], quest)
+    assert set(back.effects) == {"parallel_damper", "acquisition_delay"}
+    assert back.log_evidence > fit.log_evidence - 1.0
+    # two of which neither is a shift are no rival of one
+    assert from_the_leader(near, [replace(astray, effects=("parallel_damper", "sensor_drift"))], quest) == []
+
+
 def test_what_the_leader_contains_comes_back_from_however_far():
     """A leak that takes nothing is a resistance; the resistance alone stands hundreds of nats behind."""
     problem, prior, q = problem_of(concealed({"series_resistance": {"R_s_ohm": 1.5e5}}))

@@ -68,7 +68,7 @@ def test_what_is_found_from_elsewhere_has_to_be_clearly_better():
 
 def test_a_higher_maximum_has_to_be_better_by_less():
     one = Stub(("leakage",), 100.0, fit=Peak(-110.0))
-    as_high, higher = Stub(("leakage",), 108.0, fit=Peak(-114.0)), Stub(("leakage",), 108.0, fit=Peak(-116.0))
+    as_high, higher = Stub(("leakage",), 108.0, fit=Peak(-112.0)), Stub(("leakage",), 108.0, fit=Peak(-114.0))
     assert known(one).take_from_elsewhere([as_high]) == []
     assert known(one).take_from_elsewhere([higher]) == [higher]
     # what only a grid has weighed keeps the base's fit, and that says nothing

@@ -1,5 +1,7 @@
 """A second effect that may be no effect: readings a part of a sample late, from the base that both have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from concealed_campaigns import concealed, problem_of, weigher
@@ -7,7 +9,12 @@ from concealed_campaigns import concealed, problem_of, weigher
 from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch.search.hypotheses import effect_priors
 from bayes_dea.mismatch.search.quest import Quest
-from bayes_dea.mismatch.search.shifted import damped_and_shifted, either_read_early_or_late, read_early_or_late
+from bayes_dea.mismatch.search.shifted import (
+    damped_and_shifted,
+    either_read_early_or_late,
+    pairs_read_early_or_late,
+    read_early_or_late,
+)
 from bayes_dea.mismatch.search.weigh import Weighed
 
 LATE_S = 4e-4
@@ -81,3 +88,27 @@ def test_a_damper_read_late_is_held_against_a_mass_beside_another_effect():
     assert found.fit.values()["T_d_s"] == pytest.approx(1.2e-4, rel=0.3)
     assert damped_and_shifted(mass, [mass, damper, found], quest) == []  # known already
     assert damped_and_shifted(damper, [mass, damper], quest) == []  # no mass is claimed
+
+
+def test_two_that_are_enough_and_what_comes_near_them_may_be_read_late():
+    """An absorption and a drift read 0.15 samples late, which nothing else than a shift does."""
+    campaign = concealed({"sensor_drift": {"drift_m_per_s": 2e-7}, "acquisition_delay": {"T_d_s": 1.5e-4},
+                          "dielectric_absorption": {"chi": 0.05, "tau_d_s": 20.0}}, scale=0.5)  # fmt: skip
+    problem, prior, q = problem_of(campaign)
+    base = refit(problem, q, prior.start(), prior)
+    names = ("sensor_drift", "dielectric_absorption", "charge_retention", "acquisition_delay")
+    given = effect_priors(names, campaign)
+    weighed = weigher(problem, prior, base, given, MATERIAL)
+    quest = Quest(base, names, given, prior, np.random.default_rng(1))
+    pair = weighed("dielectric_absorption", "sensor_drift", chi=0.05, tau_d_s=20.0)
+    alone = weighed("sensor_drift")
+    (found,) = pairs_read_early_or_late(pair, [alone, pair], quest)
+    assert set(found.effects) == {*pair.effects, "acquisition_delay"}
+    assert found.log_evidence > pair.log_evidence + 3.0
+    assert found.fit.values()["T_d_s"] == pytest.approx(1.5e-4, rel=0.3)
+    assert pairs_read_early_or_late(pair, [alone, pair, found], quest) == []  # known already
+    # asked of what comes near the best, be that read late itself
+    near, far = (replace(found, log_evidence=pair.log_evidence + nats) for nats in (5.0, 50.0))
+    assert [w.effects for w in pairs_read_early_or_late(near, [alone, pair], quest)] == [found.effects]
+    assert pairs_read_early_or_late(far, [alone, pair], quest) == []
+    assert pairs_read_early_or_late(alone, [alone, pair], quest) == []  # one effect: `shifted_rivals`

@@ -17,8 +17,9 @@ from .slow_start import sized_start
 from .stand_ins import with_true_modes
 from .weigh import Weighed
 
-#: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by more
-_CLEARLY, _HIGHER, _PEAK = 10.0, 3.0, 5.0
+#: nats by which a fit from elsewhere has to beat the one that was weighed; the same where its maximum is higher by as
+#: many: that is no matter of how an evidence is worked out
+_CLEARLY, _HIGHER = 10.0, 3.0
 #: nats of posterior density by which a descent that ended elsewhere is told from one that ended a little early
 _LOWER = 1.0
 #: nats that may well be chance (20 to 1, and there are twenty effects): less is no lead
@@ -190,4 +191,4 @@ def _lower(w: Weighed, before: Weighed) -> bool:
 def _least_gain(w: Weighed, before: Weighed) -> float:
     """Nats of evidence by which one fit of a hypothesis has to beat another."""
     higher = before.refitted and before.fit.objective - w.fit.objective
-    return _HIGHER if higher > _PEAK else _CLEARLY
+    return _HIGHER if higher > _HIGHER else _CLEARLY

@@ -55,7 +55,13 @@ from .quest import Quest, Report, unheard
 from .relabel import FURTHER, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
-from .shifted import damped_and_shifted, either_read_early_or_late, read_early_or_late, shifted_rivals
+from .shifted import (
+    damped_and_shifted,
+    either_read_early_or_late,
+    pairs_read_early_or_late,
+    read_early_or_late,
+    shifted_rivals,
+)
 from .slow_start import LIMITS, low_start
 from .weigh import Weighed, excess
 from .work_of_a_mode import instead_of_a_mode
@@ -290,6 +296,7 @@ class _Search:
             self.known.take_from_elsewhere(alike(best, fitted, self.quest))
             self.known.take_from_elsewhere(containing(best, fitted, self.quest))
             self.known.take_from_elsewhere(damped_and_shifted(best, self.known.counting, self.quest))
+            self.known.take_from_elsewhere(pairs_read_early_or_late(best, self.known.counting, self.quest))
 
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
         """The probabilities of all that was weighed."""

@@ -13,6 +13,7 @@ from ...gauss_newton.refit import Fit, refit
 from ..where.size import effect_size
 from .beside import puts_back
 from .elements import counted, counted_as
+from .hypotheses import DELAY
 from .pairs import PARTNERS
 from .quest import Quest
 from .relabel import within
@@ -60,18 +61,18 @@ def put_right(leader: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list
 def from_the_leader(
     leader: Weighed, weighed: Sequence[Weighed], quest: Quest, reached: float | None = None
 ) -> list[Weighed]:
-    """Rivals of as many effects, fitted again from the base that the leader has.
+    """Rivals of as many effects, a shift of the readings apart, fitted again from the base that the leader has.
 
     A search may have ended with a base that is astray (slow modes beside a drift), and then what does just the same as
-    the leader looks nats worse. So it does where only the leader's elements of friction were counted. What the leader
-    contains, a resistance without its leak, can do almost all that it does, however far behind its own search ended.
-    Given are those that are likelier than before. reached: the log evidence that rivals have to be near; the leader's,
-    where not given.
+    the leader looks nats worse: a damper read late beside a mass with much damping. So it does where only the leader's
+    elements of friction were counted. What the leader contains, a resistance without its leak, can do almost all that
+    it does, however far behind its own search ended. Given are those that are likelier than before. reached: the log
+    evidence that rivals have to be near; the leader's, where not given.
     """
-    count, base, prior = len(leader.effects), quest.base, quest.prior
+    count, base, prior = _physics(leader), quest.base, quest.prior
     reached = leader.log_evidence if reached is None else reached
     rivals = sorted(
-        (w for w in weighed if w.refitted and len(w.effects) == count and w.effects != leader.effects),
+        (w for w in weighed if w.refitted and _physics(w) == count and w.effects != leader.effects),
         key=lambda w: -w.log_evidence,
     )[:PARTNERS]
     out = []
@@ -92,6 +93,11 @@ def from_the_leader(
             better = replace(w, fit=fit, log_evidence=w.log_evidence + fit.log_evidence - w.fit.log_evidence)
             out.append(better if model is w.fit.problem.model else counted(better, base, prior))
     return out
+
+
+def _physics(w: Weighed) -> int:
+    """Number of effects, without a shift of the readings beside others."""
+    return len(w.effects) - (DELAY in w.effects and len(w.effects) > 1)
 
 
 def _coordinates(fit: Fit) -> dict[str, float]:

@@ -18,7 +18,7 @@ from ...gauss_newton.laws import laws_of_effect
 from ...gauss_newton.refit import Fit, refit
 from ...models.model import Model
 from ..where.size import effect_size
-from .beside import beside_these, together
+from .beside import beside, beside_these, together
 from .frame import Frame
 from .hypotheses import DELAY, extended
 from .in_its_place import DAMPED
@@ -110,6 +110,23 @@ def shifted_by(fit: Fit, model: Model, part: float) -> Array | None:
     at = dict(zip(fit.problem.model.priors.names, fit.q[:d], strict=True))
     at["T_d_s"] = math.log(shift) if delay.is_log else math.copysign(shift, delay.a)
     return np.concatenate([[at[name] for name in model.priors.names], fit.q[d:]])
+
+
+def pairs_read_early_or_late(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
+    """The best two effects, and others that come near them, each with a shift of the readings as well.
+
+    Where two are enough nothing further is looked for, but a shift may be there whatever else is: one of two that come
+    near each other may gain by it what the other one lacks, and recordings to validate may show it.
+    """
+    if len(set(best.effects) - {DELAY}) != 2 or DELAY not in quest.names:
+        return []
+    known = {w.effects for w in weighed if w.refitted}
+    near = [
+        w for w in weighed
+        if w.refitted and len(w.effects) == 2 and DELAY not in w.effects and together(w.effects, DELAY) not in known
+        and w.log_evidence > best.log_evidence - RIVALS
+    ]  # fmt: skip
+    return [found for w in near for found in beside(w, quest.among([DELAY])) if found.fit is not w.fit]
 
 
 def shifted_rivals(best: Weighed, weighed: Sequence[Weighed], quest: Quest) -> list[Weighed]:
