@@ -56,6 +56,9 @@ class DiagnosisSettings:
     most_effects: int = 3
 
 
+#: probability of explanations with which a second look begins, and how many of them: what the recordings to identify do
+#: not tell from the verdict may be what all of them say
+_LIKELY, _MOST_LIKELY = 0.01, 4
 #: of a recording of another actuator, where others are left to prove a verdict on
 _TOLD_WITHOUT_IT = "The error on recordings that no fit has seen is told without it"
 
@@ -121,7 +124,7 @@ def diagnose(
             if first.contradiction is not None:
                 say("looking again", 0, 1, "the recordings to validate contradict the verdict")
                 everything, in_turn = second_look.all_to_identify(campaign), second_look.to_validate(campaign)
-                known = (first.naming.best.weighed.fit,)
+                known = first.naming.likely(_LIKELY, _MOST_LIKELY)
                 second = _once(everything, model, seed, s, say, priors, journal, in_turn, first.loose, known)
             result = first if second is None else _decided(first, second, campaign)
     finally:

@@ -1,14 +1,14 @@
 """What something unlisted weighs beside what is listed."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import pytest
 
 from bayes_dea.mismatch.search.hypotheses import UNKNOWN, Odds
 from bayes_dea.mismatch.search.known import Known
-from bayes_dea.mismatch.search.naming import Explanation, log_probabilities
+from bayes_dea.mismatch.search.naming import Explanation, Naming, log_probabilities
 from bayes_dea.mismatch.where.discrepancy import Discrepancy
 
 ODDS = Odds(none=0.5, single=0.38, double=0.04, unknown=0.08, shifted=0.2)
@@ -73,3 +73,18 @@ def test_any_mode_may_be_the_further_one():
     assert evidence[found.name] == pytest.approx(48.0 + more)
     # and no less for what is unlisted beside it
     assert weight[UNKNOWN] - weight[found.name] == pytest.approx(math.log(ODDS.unknown / ODDS.none))
+
+
+def test_what_is_likely_goes_on_to_a_second_look():
+    """The best explanation first, then the likeliest; what only a grid has weighed has no fit of its own."""
+    none = Stub((), 0.0)
+    found = {w.name: w for w in (Stub(("inertia",), 3.0), Stub(("leakage",), 2.0), Stub(("sensor_lag",), 1.0),
+                                 Stub(("sensor_drift",), 1.0, refitted=False))}  # fmt: skip
+    bare, best = Explanation(none, Calm()), Explanation(found["leakage"], Calm())
+    p = {"none": 0.001, "unknown": 0.005, "inertia": 0.6, "leakage": 0.3, "sensor_drift": 0.08, "sensor_lag": 0.02}
+    naming = Naming(bare, best, found, {}, {}, p, {})
+    in_order = (found["leakage"].fit, found["inertia"].fit, found["sensor_lag"].fit)
+    assert naming.likely(0.01, 4) == in_order
+    assert naming.likely(0.1, 4) == in_order[:2]
+    assert naming.likely(0.01, 1) == in_order[:1]
+    assert replace(naming, best=bare).likely(0.1, 4) == (none.fit, found["inertia"].fit, found["leakage"].fit)

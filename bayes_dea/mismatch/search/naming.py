@@ -75,6 +75,13 @@ class Naming:
     timing: dict[str, float] = field(default_factory=dict)  # that a name's delay is below one sample, and no physics
     put_off: bool = False  # further effects promise something, and another reading more
 
+    def likely(self, least: float, most: int) -> tuple[Fit, ...]:
+        """Fits of what has a probability of `least` and more, the best explanation first; so many at most."""
+        names = sorted((n for n, p in self.probability.items() if p >= least), key=lambda n: -self.probability[n])
+        others = [self.weighed[n] for n in names if n in self.weighed]
+        fits = [self.best.weighed.fit, *(w.fit for w in others if w.refitted and w is not self.best.weighed)]
+        return tuple(fits[:most])
+
 
 def explain(
     weighed: Weighed, places: Places, columns: list[Array], rng: np.random.Generator, prior: NoisePrior,
