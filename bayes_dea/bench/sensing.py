@@ -91,11 +91,12 @@ def _slipped(time_s: Array, x: Array, slip_s: float, every_s: float, rng: np.ran
 
 
 def distort(time_s: Array, true_m: Array, command_V: Array, temperature_C: Array | None, effects: Effects,
-            rng: np.random.Generator) -> Array:
+            rng: np.random.Generator, late_s: float = 0.0) -> Array:
     """What the sensor is given to read (n,) in m of the true displacement (n,), with the sensor's effects.
 
     `effects` as `checked` returns them; those of other stages are passed over. `temperature_C` (n,) is needed by
-    thermal expansion alone. Clipping and mains are not in here.
+    thermal expansion alone. late_s: by how long it is read late, early below zero; at the place of a delay in the
+    chain, since a sensor is as curved between two rows as at them. Clipping and mains are not in here.
     """
     y = true_m
     if "thermal_expansion" in effects and temperature_C is not None:
@@ -109,8 +110,8 @@ def distort(time_s: Array, true_m: Array, command_V: Array, temperature_C: Array
         y = y + p["holder_share"] * _resonance(time_s, y, 2.0 * np.pi * p["holder_Hz"], p["holder_zeta"])
     if "sample_slips" in effects:
         y = _slipped(time_s, y, effects["sample_slips"]["slip_s"], effects["sample_slips"]["every_s"], rng)
-    delay = effects.get("acquisition_delay", {}).get("T_d_s", 0.0)
-    if delay > 0.0:
+    delay = effects.get("acquisition_delay", {}).get("T_d_s", 0.0) + late_s
+    if delay != 0.0:
         y = np.interp(time_s - delay, time_s, y)
     lag = effects.get("sensor_lag", {}).get("tau_s_s", 0.0)
     if lag > 0.0:

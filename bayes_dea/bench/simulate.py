@@ -92,9 +92,7 @@ def _clean(plan: CampaignPlan, recording: RecordingPlan, seed: int) -> _Clean:
             room = stream(seed, "room", recording.specimen, recording.file)
             temperature = quantise(room_temperature(time_s, plan.temperature_C, plan.swing_K, room), _THERMOMETER_K)
         seen = distort(time_s, rig.drive(time_s, voltage), voltage, temperature, plan.effects,
-                       stream(seed, "sensing", recording.specimen, recording.file))
-        if plan.faults.displacement_late_s != 0.0:
-            seen = np.interp(time_s - plan.faults.displacement_late_s, time_s, seen)
+                       stream(seed, "sensing", recording.specimen, recording.file), plan.faults.displacement_late_s)
         return _Clean(time_s, voltage, seen, float("nan"), temperature)
     assert isinstance(protocol, Compression | Relaxation)
     contact = float(rng.uniform(*plan.slack_m))

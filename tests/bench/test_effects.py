@@ -202,6 +202,17 @@ def test_a_delay_does_not_move_a_resistor() -> None:
     np.testing.assert_array_equal(true, alone)
 
 
+@pytest.mark.parametrize("late_s", [4e-4, -4e-4])
+def test_a_sensor_is_as_curved_between_rows_as_at_them(late_s: float) -> None:
+    """Read late or early it shows the curve of what is there then, and its own drift of when it is read."""
+    true = 2e-4 * (TIME > 0.1)
+    own = checked({"sensor_nonlinearity": {"q_2_per_m": 300.0}, "sensor_drift": {"drift_m_per_s": 1e-6}})
+    seen = distort(TIME, true, EDGE, None, own, np.random.default_rng(0), late_s)
+    there = np.interp(TIME - late_s, TIME, true)
+    np.testing.assert_allclose(seen, there + 300.0 * there**2 + 1e-6 * TIME, rtol=0, atol=1e-15)
+    assert np.any((there > 1e-5) & (there < 1.9e-4))  # between two rows
+
+
 def test_sensor_disturbances_have_their_shapes() -> None:
     rng = np.random.default_rng(0)
     x = 100e-6 * (1.0 - np.abs(TIME - 1.5) / 1.5)
