@@ -104,7 +104,9 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
         unlisted = unlisted if large else None
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
-        ruling = ruling.beside(unlisted.lead, nats, overruled=unlisted.clear)
+        # of two explanations the likelier one is the verdict; what speaks against none has to be clear
+        likelier = unlisted.lead > 0.0 if nothing is None else unlisted.clear
+        ruling = ruling.beside(unlisted.lead, nats, overruled=likelier)
     mended, repaired, scale, begun, drifts = None, None, None, None, None
     if ruling.verdict == UNKNOWN:
         scale = odd_scale(base, ready.prior)

@@ -85,6 +85,16 @@ def test_a_weak_one_of_3_ms_is_no_mode_as_fast():
     assert s["verdict"] == "unknown"
 
 
+@pytest.mark.long
+def test_the_likelier_of_it_and_a_mode_is_the_verdict():
+    """8 ms, 10 um a kV in noise of 7: 2.2 nats likelier than a mode of 12 ms, prior odds in."""
+    case = draw_case(1568187)
+    s = diagnose(campaign_of(case), case.model, seed=1).summary
+    assert s["verdict"] == "unknown"
+    assert s["indistinguishable"] == ["unknown", "extra_relaxation_mode"]
+    assert "about as well as extra_relaxation_mode" in s["statement"]
+
+
 def test_where_there_is_none_nothing_is_promised():
     problem, prior, q = problem_of(concealed(scale=0.5))
     base = refit(problem, q, prior.start(), prior)
