@@ -29,7 +29,7 @@ from .laps import Laps
 from .prepare import Prepared, prepared
 from .prove import HeldOut, proof, unanswered, untaught, with_noise_at_rest, with_repair, without_validation
 from .readings.clipped import beyond_reach, restored
-from .readings.reread import Foreign, held_out_gains, too_few_for_an_odd_one
+from .readings.reread import Foreign, held_out_gains, of_one_other, too_few_for_an_odd_one
 from .readings.seen import Seen
 from .search.frame import own_index
 from .search.hypotheses import NONE, UNKNOWN, parted, unlogged_notes, unweighed_note
@@ -80,7 +80,7 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     #: whether every recording has a gain of its own
     loose: bool = False
-    #: recordings to validate of another actuator, where nothing changes within any of those that differ in size
+    #: recordings to validate of another actuator, where all that differ in size may be of a single one
     foreign: tuple[str, ...] = ()
     #: the same with its parameters sampled, where that was put off
     sampled: Callable[[], Diagnosis] | None = field(default=None, repr=False, compare=False)
@@ -245,8 +245,8 @@ def _once(
         summary["seconds_by"] = lap.seconds
         said = (*seen.notes, *([] if found.gains is None else [found.gains.note()]), *found.timing())
         p_value = None if against is None else against.p_value
-        # what changes within one says more than that the others are of another actuator
-        apart = tuple(f.recording for f in foreign) if all(f.alone for f in foreign) else ()
+        # what changes within one, or with the command, says more than that they are of another actuator
+        apart = tuple(f.recording for f in foreign) if of_one_other(seen.odd, foreign) else ()
         return Diagnosis(
             assembled, base, corrected, naming, proved, found.looks, summary, p_value, said, seen.loose, apart
         )

@@ -16,6 +16,7 @@ from bayes_dea.mismatch.diagnosis import _decided, diagnose
 from bayes_dea.mismatch.judge import judged
 from bayes_dea.mismatch.laps import Laps
 from bayes_dea.mismatch.prepare import prepared
+from bayes_dea.mismatch.readings.reread import Foreign, Rereading, of_one_other
 from bayes_dea.mismatch.sought import sought
 from bayes_dea.models.model import build_model
 
@@ -136,6 +137,19 @@ def test_unknown_physics_is_no_better_answer_than_a_recording_of_another_actuato
     assert not any("gain" in w for w in result.summary["warnings"])
 
 
+def test_recordings_of_one_other_actuator_are_all_larger_or_all_smaller():
+    """Creeps that are 4 % smaller at 600 V and 9 % larger at 1,200 V are of an actuator that heats up."""
+    small, less, large = (Foreign(f"{r}.csv", r, 0.002) for r in (0.955, 0.965, 1.09))
+    assert of_one_other(None, [])
+    assert of_one_other(None, [small, less])
+    assert not of_one_other(None, [small, large])
+    odd = Rereading(None, 0.0, odd="creep.csv", ratio=1.087)
+    assert of_one_other(odd, [])
+    assert of_one_other(odd, [large])
+    assert not of_one_other(odd, [small, less])
+    assert not of_one_other(None, [replace(large, alone=False)])
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["rectangle_1Hz.csv", "creep_1200V.csv"])
 def test_one_that_is_far_larger_is_named_and_the_rest_proves_the_verdict(name):
@@ -199,13 +213,14 @@ def test_a_second_look_begins_with_the_gains_that_the_first_one_needed(monkeypat
     def once(*args):
         begun.append(args[-2:] if isinstance(args[-2], bool) else None)
         against = 1e-9 if len(begun) == 1 else None
-        found = SimpleNamespace(best=SimpleNamespace(weighed=SimpleNamespace(fit="its explanation")))
+        found = SimpleNamespace(likely=lambda least, most: ("its explanation", "a rival")[:most])
         return SimpleNamespace(contradiction=against, loose=True, summary={}, naming=found)
 
     monkeypatch.setattr(diagnosis, "_once", once)
     monkeypatch.setattr(diagnosis, "_decided", lambda first, second, campaign: second)
     diagnose(concealed(), "hooke+gm3")
-    assert begun == [None, (True, ("its explanation",))]
+    # and with all that those to identify could not tell apart
+    assert begun == [None, (True, ("its explanation", "a rival"))]
 
 
 @pytest.mark.long

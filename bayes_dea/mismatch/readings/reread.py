@@ -7,6 +7,7 @@ recording of another actuator speaks of that one. Both are compared with the nam
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -304,6 +305,15 @@ class Foreign:
             f"{self.recording}: this recording does not follow the others: {size}, and no size of its own is all that "
             "sets it apart; check what it was recorded on, and whether something changed while it was"
         )
+
+
+def of_one_other(odd: Rereading | None, foreign: Sequence[Foreign]) -> bool:
+    """Whether recordings that differ in size alone may all be of one other actuator, that one among them.
+
+    It is larger than this one or smaller; some larger and some smaller are of something that changes with the command.
+    """
+    ratios = [f.ratio for f in foreign] + ([] if odd is None else [odd.ratio])
+    return all(f.alone for f in foreign) and (max(ratios, default=1.0) <= 1.0 or min(ratios, default=1.0) >= 1.0)
 
 
 def held_out_gains(
