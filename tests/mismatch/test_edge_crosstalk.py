@@ -63,6 +63,10 @@ def test_its_size_is_found_beside_a_base_that_did_its_work():
     kept = crosstalk_of(base, base, prior, reached[0] + 4.0)
     assert kept.log_evidence == pytest.approx(found.log_evidence, abs=0.1)
     assert crosstalk_of(base, base, prior, reached[0] - 20.0) is None
+    # nor does an evidence that is reached, and one that is out of reach spares the closer look
+    kept = crosstalk_of(base, base, prior, beyond=found.log_evidence - 5.0)
+    assert kept.log_evidence == found.log_evidence
+    assert crosstalk_of(base, base, prior, beyond=found.log_evidence + 1000.0) is None
 
 
 def test_a_start_that_leads_nowhere_does_not_hide_it(monkeypatch):

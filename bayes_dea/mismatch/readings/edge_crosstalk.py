@@ -12,24 +12,27 @@ Compatibility Engineering, 2009, ch. 2).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...gauss_newton.descent import End, approach
 from ...gauss_newton.noise_prior import NoisePrior
+from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece
-from ...gauss_newton.refit import Fit
+from ...gauss_newton.refit import Fit, refit
 from ...gauss_newton.whitening import Shared
 from ...models.supply_kernel import lagged
 from ..left_out import Repaired
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from ..search.promising import typical
-from ..search.weigh import Weighed, within_reach
+from ..search.weigh import Weighed, hopeless
 from .one_number import Peak, parabola
 from .shared_column import coefficient, in_column, left
-from .unlisted import AFTER_AN_EDGE, CLEAR, Claimed, Unlisted, clearest
+from .unlisted import AFTER_AN_EDGE, CLEAR, OFF, Claimed, Unlisted, clearest
 
 Array = NDArray[np.float64]
 #: time constants (s) that are looked at; the prior is log-uniform from the first to the last
@@ -40,6 +43,10 @@ _SIZE_M, _EDGE_V = 10e-6, 1000.0
 _RIVAL = 5.0
 #: nats that it has to promise beside what is known, where nothing on the list explains the recordings
 _PROMISES = 20.0
+#: nats behind the best, whatever the noise grows to, at which an approach to a time constant is no rival of it
+_NO_RIVAL = 50.0
+#: nats by which a time constant between two may be better, beside a share of all that it explains
+_SLACK = 10.0
 #: nats behind the best at which a neighbour says nothing of a peak
 _FAR = 600.0
 
@@ -82,18 +89,20 @@ def edge_crosstalk(naming: Naming, named: str, prior: NoisePrior) -> Unlisted | 
     replaced: list[tuple[str, ...]] = [(e,) for e in claimed.effects if e in AFTER_AN_EDGE]
     if not replaced and named == UNKNOWN and _promise(claimed.weighed.fit) > _PROMISES:
         replaced = [()]
-    out = [
-        _instead(claimed, rest, r, naming, prior) for r in replaced if (rest := claimed.without(r, prior)) is not None
-    ]
     least = CLEAR if named == UNKNOWN else -_RIVAL
+    out = [
+        _instead(claimed, rest, r, least, naming, prior)
+        for r in replaced if (rest := claimed.without(r, prior)) is not None
+    ]  # fmt: skip
     return clearest(o for o in out if o is not None and o.lead > least)
 
 
 def _instead(
-    claimed: Claimed, rest: Weighed, replaced: tuple[str, ...], naming: Naming, prior: NoisePrior
+    claimed: Claimed, rest: Weighed, replaced: tuple[str, ...], least: float, naming: Naming, prior: NoisePrior
 ) -> EdgeCrosstalk | None:
-    """A crosstalk beside what stays of a claim."""
-    found = crosstalk_of(rest.fit, naming.none.weighed.fit, prior, claimed.out_of_reach(rest, prior))
+    """A crosstalk beside what stays of a claim; None where it surely does not lead by `least`."""
+    base, above = naming.none.weighed.fit, claimed.out_of_reach(rest, prior)
+    found = crosstalk_of(rest.fit, base, prior, above, least - claimed.cost(rest))
     if found is None:
         return None
     return EdgeCrosstalk(
@@ -114,31 +123,35 @@ class Found:
     repaired: Repaired
 
 
-def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf) -> Found | None:
+def crosstalk_of(
+    fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf, beyond: float = -math.inf
+) -> Found | None:
     """A crosstalk beside a fit, its time constant integrated out; None where a first look stays above a value (see
-    `Weighed`).
+    `Weighed`), or a closer one surely below a log evidence.
 
     base: what has the modes that are begun from the middle of their priors.
     """
-    fits: dict[float, Fit] = {}
+    def beside(tau_s: float) -> Problem:
+        return replace(fit.problem, shared=_shared(fit, tau_s), amplitude_m=_SIZE_M)
 
-    def fitted(tau_s: float, start: Array, above: float = math.inf) -> None:
-        beside = replace(fit.problem, shared=_shared(fit, tau_s), amplitude_m=_SIZE_M)
-        again = within_reach(beside, start, prior, above)
-        if again is not None and (tau_s not in fits or again.log_evidence > fits[tau_s].log_evidence):
-            fits[tau_s] = again
-
-    middle = typical(fit, base.problem.model)
-    for tau_s in _TAUS_S[1::2]:
-        for start in (fit.q, middle):
-            fitted(tau_s, start, above)
+    starts = fit.q, typical(fit, base.problem.model)
+    fits = _first_look({t: beside(t) for t in _TAUS_S[1::2]}, starts, prior, above)
     if not fits:
         return None
+
+    def fitted(tau_s: float, start: Array) -> None:
+        again = refit(beside(tau_s), start, prior.start(), prior)
+        if again is not None:
+            fits[tau_s] = again
+
     top = max(fits, key=lambda t: fits[t].log_evidence)
     at = _TAUS_S.index(top)
     for tau_s in _TAUS_S[max(0, at - 1) : at + 2]:
         if tau_s != top:
             fitted(tau_s, fits[top].q)
+    highest = max(f.log_evidence for f in fits.values())
+    if highest + OFF * max(highest - fit.log_evidence, 0.0) + _SLACK < beyond:
+        return None
     for _ in range(2):
         top = max(fits, key=lambda t: fits[t].log_evidence)
         for tau_s in _about({t: f.log_evidence for t, f in fits.items()}):
@@ -156,6 +169,23 @@ def crosstalk_of(fit: Fit, base: Fit, prior: NoisePrior, above: float = math.inf
         sd = math.hypot(sd, slope * peak.sd)
     repaired = in_column(fits[top], lambda piece: crosstalk_column(piece, top))
     return Found(fits[top].log_evidence + math.log(min(share, 1.0)), mean, sd, top, repaired)
+
+
+def _first_look(
+    problems: Mapping[float, Problem], starts: Sequence[Array], prior: NoisePrior, above: float
+) -> dict[float, Fit]:
+    """Fits of problems by a number, each from the better of some starts; without those that surely are no rivals of the
+    best one, and those of which an approach stays above a value (see `Weighed`)."""
+    ends: dict[float, End] = {}
+    for number, problem in problems.items():
+        for start in starts:
+            end = approach(problem, start, prior.start(), hopeless_above=above)
+            if end is not None and end.value <= min(above, ends[number].value if number in ends else math.inf):
+                ends[number] = end
+    reached = min((e.value for e in ends.values()), default=math.inf)
+    rival = hopeless(reached, max((sum(p.blocks.n for p in q.pieces) for q in problems.values()), default=1), _NO_RIVAL)
+    made = {n: refit(problems[n], e.q, prior.start(), prior) for n, e in ends.items() if e.value <= rival}
+    return {n: f for n, f in made.items() if f is not None}
 
 
 def _about(height: dict[float, float]) -> list[float]:

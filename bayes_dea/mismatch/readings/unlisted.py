@@ -22,7 +22,7 @@ from ..search.weigh import Weighed, hopeless
 #: prior probability of one worth a word, and nats by which it has to lead what was named
 PRIOR, CLEAR = 0.01, 3.0
 #: share of what an exponential explains that is left at twice its time constant (a ninth), and as much again
-_OFF = 0.25
+OFF = 0.25
 #: effects that answer an edge for some milliseconds, or tens of them: what else does may pass for one of them
 AFTER_AN_EDGE = frozenset({FURTHER, "charge_retention", "dielectric_absorption", "fractional_relaxation"})
 
@@ -123,7 +123,7 @@ class Claimed:
         even at a time constant or frequency that is off by a step of a first look."""
         reached, left = (value_at(w.fit.problem, w.fit.q, prior.start()) for w in (self.weighed, rest))
         reached -= self.ahead
-        near = reached + _OFF * max(left - reached, 0.0)
+        near = reached + OFF * max(left - reached, 0.0)
         return hopeless(near, sum(p.blocks.n for p in rest.fit.problem.pieces))
 
     def cost(self, rest: Weighed) -> float:
