@@ -131,6 +131,7 @@ def crosstalk_of(
 
     base: what has the modes that are begun from the middle of their priors.
     """
+
     def beside(tau_s: float) -> Problem:
         return replace(fit.problem, shared=_shared(fit, tau_s), amplitude_m=_SIZE_M)
 
@@ -183,9 +184,14 @@ def _first_look(
             if end is not None and end.value <= min(above, ends[number].value if number in ends else math.inf):
                 ends[number] = end
     reached = min((e.value for e in ends.values()), default=math.inf)
-    rival = hopeless(reached, max((sum(p.blocks.n for p in q.pieces) for q in problems.values()), default=1), _NO_RIVAL)
-    made = {n: refit(problems[n], e.q, prior.start(), prior) for n, e in ends.items() if e.value <= rival}
-    return {n: f for n, f in made.items() if f is not None}
+    out = {}
+    for number, end in ends.items():
+        problem = problems[number]
+        if end.value <= hopeless(reached, sum(p.blocks.n for p in problem.pieces), _NO_RIVAL):
+            fit = refit(problem, end.q, prior.start(), prior)
+            if fit is not None:
+                out[number] = fit
+    return out
 
 
 def _about(height: dict[float, float]) -> list[float]:

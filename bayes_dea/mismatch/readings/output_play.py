@@ -3,8 +3,8 @@ list of effects.
 
 What is read follows the displacement only once a gap is taken up, so that it stays behind at every turn, at any rate:
 friction that yields at once does the same to what answers at once. But friction holds the actuator itself back, whose
-branches relax under what they carry meanwhile, and a play does not. Where it explains the recordings clearly better
-than what was named, the verdict is "unknown", with the play said; where about as well, they cannot tell one from the
+branches relax under what they carry meanwhile, and a play does not. Where it is likelier than what was named, the
+verdict is "unknown", with the play said; where by little, or nearly as likely, recordings cannot tell one from the
 other.
 Equation: the play operator y_k = min(x_k + w/2, max(x_k - w/2, y_(k-1))) (Visintin, Differential Models of Hysteresis,
 1994, III.2).

@@ -1,6 +1,7 @@
 """Physics that is known and yet on no list of effects, held against what was named: what the two kinds of it share.
 
-Where one explains the recordings clearly better, the verdict is "unknown", and says with what size it does.
+Where one is likelier than what is named, the verdict is "unknown", and says with what size it explains the recordings;
+where nothing is named it has to be clearly so (`judge`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ..search.naming import Naming
 from ..search.relabel import FURTHER, within
 from ..search.weigh import Weighed, hopeless
 
-#: prior probability of one worth a word, and nats by which it has to lead what was named
+#: prior probability of one worth a word, and nats of lead from which on recordings tell it from what was named
 PRIOR, CLEAR = 0.01, 3.0
 #: share of what an exponential explains that is left at twice its time constant (a ninth), and as much again
 OFF = 0.25
@@ -47,7 +48,7 @@ class Unlisted(ABC):
 
     @property
     def clear(self) -> bool:
-        """Whether it overrules what was named; else the recordings cannot tell the two apart."""
+        """Whether the recordings tell it from what was named; with less of a lead it may still be the likelier one."""
         return self.lead > CLEAR
 
     @abstractmethod
