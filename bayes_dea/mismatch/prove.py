@@ -24,6 +24,7 @@ from ..noise.blocks import block_means
 from .left_out import Repaired, refit_without
 from .readings.own_offset import offset_and_gain, own_offset_and_gain
 from .readings.own_zero import with_zeros
+from .readings.range_end import expected_at_most, scatter_at_most
 from .search.frame import own_index
 from .telling import Tell, silence
 
@@ -100,11 +101,12 @@ def leave_out_in_turn(
 @dataclass(frozen=True)
 class _Predicted:
     """residual (n,) of a recording under a fit, its own offset and gain taken out, and its log density. untold:
-    parameters that had to be taken from their priors."""
+    parameters that had to be taken from their priors. scatter: of readings that end with the sensor's range."""
 
     residual: Array
     log_density: float
     untold: tuple[str, ...] = ()
+    scatter: float = math.inf
 
 
 def _predictive(repaired: Repaired, piece: Piece, own: NDArray[np.int64]) -> _Predicted:
@@ -193,8 +195,8 @@ def held_out(
             if not (np.isfinite(x[i]).all() and np.isfinite(m[i]).all()):
                 scored.append(_Predicted(np.full(x[i].shape, np.nan), -math.inf))
                 continue
-            density = _log_density(fit, piece, _cut(piece, x[i], m[i], end))
-            scored.append(_Predicted(own_offset_and_gain(piece, x[i], end), density))
+            scored.append(_cut(fit, piece, x[i], end) if math.isfinite(end) else
+                          _Predicted(own_offset_and_gain(piece, x[i]), _log_density(fit, piece, m[i])))
         out.append(_compared(piece, scored[0], scored[1], whole.fit))
     return out
 
@@ -208,7 +210,7 @@ def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> 
         int(np.sum(~masked)),
         _rms(before.residual),
         _rms(after.residual),
-        _floor(fit, piece),
+        min(_floor(fit, piece), after.scatter),
         before.log_density,
         after.log_density,
         math.isfinite(before.log_density) and math.isfinite(after.log_density),
@@ -284,14 +286,17 @@ def without_validation(proof: list[HeldOut]) -> str:
     )
 
 
-def _cut(piece: Piece, x: Array, means: Array, limit_m: float) -> Array:
-    """Block means of the model's output with the sensor's range ended, in the unit of the output."""
-    if not math.isfinite(limit_m):
-        return means
-    _, (gain, offset) = offset_and_gain(piece, x, limit_m)
-    if gain <= 0:
-        return means
-    return np.asarray(block_means(np.minimum(x, (limit_m - offset) / gain), piece.blocks, ~piece.prepared.observed))
+def _cut(fit: Fit, piece: Piece, x: Array, limit_m: float) -> _Predicted:
+    """A recording whose readings, noise included, end with the sensor's range. x (n,): the model's output."""
+    seen = piece.prepared.observed
+    sd = fit.noise.of(piece)[0]
+    whole, (gain, _) = offset_and_gain(piece, x, limit_m, sd)
+    read = expected_at_most(whole, sd, limit_m)
+    # in the unit of the output, by which offset and gain are integrated out
+    output = x + (read - whole) / gain if gain > 0.0 else x
+    density = _log_density(fit, piece, np.asarray(block_means(output, piece.blocks, ~seen)))
+    return _Predicted(np.where(seen, piece.prepared.y - read, np.nan), density,
+                      scatter=scatter_at_most(whole[seen], sd, limit_m))
 
 
 def _rms(residual: Array) -> float:

@@ -15,6 +15,11 @@ from ..compiled import njit, read_only
 _LOCAL = 25
 #: share of its size by which a false reading also misses the straight continuations of either side
 _KINK = 0.35
+#: share of the readings that are one value where a sensor's range ends there, share of a stretch that makes it no
+#: measure of noise, and stretches that are enough
+_PILED, _AT_AN_END, _ENOUGH = 0.03, 0.1, 8
+#: edges of the input below which a lag that repeats cannot be seen, and samples after one in which a mass swings
+_FEW_EDGES, _SOON = 10, 15
 
 
 def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
@@ -48,18 +53,22 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     if good is not None:
         edges = np.unique(np.searchsorted(good, edges))
     edges = edges[edges < x.size].astype(np.int64)
-    low, high = quantiles(of(x), [0.001, 0.999])
+    low, bottom, top, high = quantiles(of(x), [0.001, 0.005, 0.995, 0.999])
+    ends = tuple(v for v in (bottom, top) if sum(np.count_nonzero(x[p] == v) for p in pieces(x.size)) > _PILED * x.size)
     floor = max(1e-3 * (high - low), 3.0 * (_smallest_step(x) if resolution is None else resolution))
     found = np.empty(0, dtype=np.int64)
     for side in (3, 9):
-        new = _pass(bridged(x, found), side, threshold, floor)
+        new = _pass(bridged(x, found), side, threshold, floor, ends)
         if side > 3 and edges.size and new.size:
             # a short pulse of the input looks like a run
             reach = np.searchsorted(edges, new + side + 3, side="right") > np.searchsorted(edges, new - side - 3)
             new = new[~reach]
         found = np.union1d(found, new)
-    if edges.size and found.size:
-        found = found[~_systematic(found, edges)]
+    while edges.size and found.size:
+        answers = _systematic(found, edges)
+        if not answers.any():
+            break
+        found = found[~answers]  # what is left may be most of all at another lag
     mask[found if good is None else good[found]] = True
     return mask
 
@@ -74,18 +83,26 @@ def _smallest_step(x: NDArray[np.float64]) -> float:
 
 
 def _systematic(found: NDArray[np.int64], edges: NDArray[np.int64], reach: int = 60) -> NDArray[np.bool_]:
-    """Which finds come at one lag after a twelfth of the edges, or right at an edge where edges are few."""
-    last = np.searchsorted(edges, found, side="right") - 1
-    since = np.where(last >= 0, found - edges[np.maximum(last, 0)], reach)
+    """Which finds come at one lag after a twelfth of the edges, or, most of all, at one and the same lag.
+
+    Where edges are few: right at an edge, or with another soon after the same one, as where a mass swings on a step.
+    """
+    early = edges - 1  # readings may stand up to a sample before the command
+    last = np.searchsorted(early, found, side="right") - 1
+    since = np.where(last >= 0, found - early[np.maximum(last, 0)], reach)
     lag = np.minimum(since, reach)
     counts = np.bincount(lag, minlength=reach + 1)[:reach]
     often = np.zeros(reach + 1, dtype=np.bool_)
     # an answer to the input may shift by a sample from edge to edge
     spread = np.convolve(counts, np.ones(3), mode="same")
-    often[:reach] = spread > max(3.0, 0.08 * edges.size)
-    if edges.size < 10:
-        often[:3] = True
-    return np.asarray(often[lag])
+    often[:reach] = (spread > max(3.0, 0.08 * edges.size)) | (spread > max(3.0, 0.5 * counts.sum()))
+    if edges.size >= _FEW_EDGES:
+        return np.asarray(often[lag])
+    often[:4] = True
+    soon = (last >= 0) & (since <= _SOON)
+    apart = soon & (np.diff(found, prepend=-2) > 1)
+    swings = np.bincount(last[apart], minlength=edges.size) > 1
+    return np.asarray(often[lag] | soon & swings[last])
 
 
 def bridged(x: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -101,7 +118,8 @@ def bridged(x: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.float
     return out
 
 
-def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> NDArray[np.int64]:
+def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float, ends: tuple[float, ...]
+          ) -> NDArray[np.int64]:
     medians = beside(x)
     _running_median(read_only(x), side, medians)
     # window of `side` samples that ends just before, or begins just after, each sample
@@ -111,7 +129,7 @@ def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> 
         before, after = _shifted(medians, shift, part), _shifted(medians, -shift, part)
         size[part] = np.abs(x[part] - 0.5 * (before + after))
         difference[part] = before - after
-    typical = _typical(size)
+    typical = _typical(size, x, ends)
     limit = max(threshold * typical, floor)
     candidates = rows_where(lambda s: s > limit, size)
     keep = np.zeros(candidates.size, dtype=np.bool_)
@@ -119,10 +137,17 @@ def _pass(x: NDArray[np.float64], side: int, threshold: float, floor: float) -> 
     return candidates[keep]
 
 
-def _typical(size: NDArray[np.float64]) -> float:
-    """Robust sd that holds where the record is quiet: low quantile of medians over short stretches."""
+def _typical(size: NDArray[np.float64], x: NDArray[np.float64], ends: tuple[float, ...]) -> float:
+    """Robust sd that holds where the record is quiet: low quantile of medians over short stretches.
+
+    Where a sensor's range ends, most readings are that end, and their scatter is none: noise is seen elsewhere.
+    """
     width = 2 * _LOCAL
     blocks = size[: size.size // width * width].reshape(-1, width)
+    if ends:
+        readings = x[: blocks.size].reshape(-1, width)
+        free = np.mean(np.isin(readings, ends), axis=1) < _AT_AN_END
+        blocks = blocks[free] if np.count_nonzero(free) >= _ENOUGH else blocks
     blocks = blocks[:: max(1, blocks.shape[0] // 2000)]
     return 1.4826 * float(np.quantile(np.median(blocks, axis=1), 0.45))
 

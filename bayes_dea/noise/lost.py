@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 _LEVELS, _LOW, _HIGH, _KNOWN = 24, 0.1, 0.9, 20
 #: spans by which a reading lies beyond all others: a mass that swings on a step goes to twice the step, at most
 _BEYOND = 2.0
+#: share of that room by which they leap there and back, the rows on either side of a leap that are looked at, and
+#: rows within which an actuator answers a jump of the input
+_LEAP, _SIDE, _AT_ONCE = 0.25, 3, 2
 #: share of the readings that may be lost; with more of them it is not known which are
 _MOST = 0.05
 #: what a held value has to jump by on either side: in sds of what noise changes from row to row, in resolution steps,
@@ -36,7 +39,8 @@ def find_lost(y: ArrayLike, u: ArrayLike, *, resolution: float | None = None, mo
               ) -> NDArray[np.bool_]:
     """Mask of readings of a lost target, True where a reading is false; shape (n,). Runs of any length are found.
 
-    A reading is false where it lies beyond what the readings of all levels of the input span by twice that span; and
+    A reading is false where it lies beyond what the readings of all levels of the input span by twice that span, and
+    they leap there and back: what fades from there, as a stroke that a charge takes back for minutes, is true. And
     where it belongs to a run of one and the same value, two rows or more, that the readings leap to and back from, by
     twenty sds of what noise changes from row to row (five for more rows than chance makes equal) and four times the
     changes beside, while the input does not. Where more than `most` would be false nothing is: it is not known then
@@ -96,7 +100,35 @@ def _beyond_all(y: Array, u: Array, step: float, mask: NDArray[np.bool_]) -> tup
     for part in pieces(y.size, BLOCK):
         far = part.start + np.flatnonzero((y[part] > top + room) | (y[part] < bottom - room))
         mask[far[known[level_of(u[far])]]] = True
+    if mask.any():
+        _leave_what_fades(y, u, mask, _LEAP * room)
     return bottom, top
+
+
+def _leave_what_fades(y: Array, u: Array, far: NDArray[np.bool_], least: float) -> None:
+    """Unmark runs of readings far off which they do not leap to, or not back from: a stroke that fades is true.
+
+    So is what comes with one jump of the input and goes with another. least: size of a leap.
+    """
+    edges = find_edges(u)
+    rows = np.flatnonzero(far)
+    ends = np.diff(rows) > 1
+    first, stop = rows[np.append(True, ends)], rows[np.append(ends, True)] + 1
+    for a, b in zip(first.tolist(), stop.tolist(), strict=True):
+        before, behind = slice(max(0, a - _SIDE), a), slice(b, b + _SIDE)
+        comes = _apart(y[a : min(b, a + _SIDE)], y[before][~far[before]])
+        goes = _apart(y[max(a, b - _SIDE) : b], y[behind][~far[behind]])
+        turned = [edges[np.searchsorted(edges, row - _AT_ONCE) : np.searchsorted(edges, row, side="right")]
+                  for row in (a, b)]
+        answers = all(e.size for e in turned) and turned[0][0] != turned[1][-1]
+        if min(comes, goes) < least or answers:
+            far[a:b] = False
+
+
+def _apart(some: Array, others: Array) -> float:
+    """Distance of the medians of a few readings; infinite where one has none."""
+    some, others = some[np.isfinite(some)], others[np.isfinite(others)]
+    return abs(float(np.median(some) - np.median(others))) if some.size and others.size else np.inf
 
 
 def _held(y: Array, u: Array, least: float, known: NDArray[np.bool_], most: float) -> list[tuple[int, int]]:

@@ -160,6 +160,34 @@ class TestDropouts:
         y[find_edges(u) + 2] += 40
         assert find_dropouts(y, u).sum() <= 1
 
+    @pytest.mark.parametrize("drive", ["step", "rectangle_1Hz", "rectangle_10Hz"])
+    @pytest.mark.parametrize(("frequency", "zeta"), [(188.0, 0.167), (386.0, 0.139), (386.0, 0.051)])
+    @pytest.mark.parametrize("early", [0.0, 0.4, 0.9])
+    def test_a_mass_that_swings_on_edges_and_is_read_early_is_none(self, drive, frequency, zeta, early):
+        """Close to half the sampling rate its swing is a spike of one or two readings, the first before the command.
+
+        A lag that repeats three times only may be chance: as many may go.
+        """
+        fine = 20
+        u = DRIVES[drive]
+        w = 2 * np.pi * frequency
+        b, a, _ = cont2discrete(([w * w], [1, 2 * zeta * w, w * w]), 1e-3 / fine, "zoh")
+        x = lfilter(b.ravel(), a, np.repeat((u / 1000) ** 2 * 250, fine))
+        x = np.append(x[round(early * fine) :: fine], x[-1])[: u.size]
+        y = x + np.random.default_rng(14).normal(0, 2.0, u.size)
+        assert find_dropouts(y, u).sum() <= (1 if drive == "step" else 3)
+
+    def test_what_noise_takes_below_the_end_of_a_range_is_none_and_drop_outs_there_are_found(self):
+        """Most readings are the end, and scatter as nothing does: thousands of others stood out of that."""
+        rng = np.random.default_rng(15)
+        u = DRIVES["step"]
+        y = np.minimum(np.where(u > 0, 183.0, 0.0) + rng.normal(0, 3.0, u.size), 180.0)
+        assert 0.8 < np.mean(y[u > 0] == 180.0) < 0.9
+        assert find_dropouts(y, u).sum() == 0
+        at = np.arange(6_000, 19_000, 500)
+        y[at] -= 30.0
+        np.testing.assert_array_equal(np.flatnonzero(find_dropouts(y, u)), at)
+
     def test_nan_and_quantisation(self):
         rng = np.random.default_rng(12)
         _, u, y = creep(30_000)

@@ -133,3 +133,36 @@ def test_gaps_are_left_alone():
     y[5000:5010] = 5e-3
     found = find_lost(y, V, resolution=STEP)
     assert np.array_equal(np.flatnonzero(found), np.arange(5000, 5010))
+
+
+@pytest.mark.parametrize("fs", [100.0, 1000.0])
+def test_a_stroke_that_fades_for_minutes_is_none(fs):
+    """A charge that is kept takes a stroke back to a tenth: its first seconds lie beyond what most readings span."""
+    t = np.arange(0.0, 270.0, 1.0 / fs)
+    V = np.where(t >= 1.0, 1000.0, 0.0)
+    y = read(t, np.where(t >= 1.0, STROKE * (0.1 + 0.9 * np.exp(-(t - 1.0) / 19.0)), 0.0))
+    single = np.array([2.5, 4.0]) * fs  # false readings do not make the others false
+    y[single.astype(int)] = -2e-4, 3e-4
+    assert set(np.flatnonzero(find_lost(y, V, resolution=STEP))) <= set(single.astype(int))
+
+
+def test_a_run_that_is_lost_in_a_stroke_that_fades_is_found():
+    t = np.arange(0.0, 270.0, 1.0 / FS)
+    V = np.where(t >= 1.0, 1000.0, 0.0)
+    y = read(t, np.where(t >= 1.0, STROKE * (0.1 + 0.9 * np.exp(-(t - 1.0) / 19.0)), 0.0))
+    lost = np.zeros(t.size, dtype=bool)
+    lost[500:560] = lost[20_000:20_300] = True
+    y[lost] = 2e-3 + 1e-4 * np.random.default_rng(2).standard_normal(np.count_nonzero(lost))
+    np.testing.assert_array_equal(find_lost(y, V, resolution=STEP), lost)
+
+
+def test_a_pulse_between_hours_at_the_same_level_is_none():
+    """It comes with a jump of the input and goes with another; a run that is lost just before it is found."""
+    t = np.arange(0.0, 300.0, 1.0 / FS)
+    on = (t >= 1.0) & (t < 250.0) | (t >= 280.0) & (t < 280.5)
+    fades = np.where(t < 270.0, np.exp(-(t - 1.0) / 5.0), 1.0)
+    y = read(t, np.where(on, STROKE * (0.05 + 0.95 * fades), 0.0))
+    lost = np.zeros(t.size, dtype=bool)
+    lost[55_800:55_900] = True
+    y[lost] = 1e-3
+    np.testing.assert_array_equal(find_lost(y, np.where(on, 1000.0, 0.0), resolution=STEP), lost)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from ...gauss_newton.reduced import Piece, again
 from ...gauss_newton.refit import Fit
@@ -23,6 +22,7 @@ from ...noise.limit import find_limit, near_limit
 from ...noise.lost import find_lost, without_lost
 from .outliers import without
 from .own_offset import offset_and_gain
+from .range_end import moments_above
 
 if TYPE_CHECKING:
     from ...campaign.schema import Campaign, Recording
@@ -130,7 +130,8 @@ def beyond_reach(pieces: Sequence[Piece], limit: Limit, fit: Fit) -> tuple[Piece
 def expectations(fit: Fit, pieces: Sequence[Piece], limit: Limit) -> list[Array]:
     """Expected readings (n,) of pieces had the sensor no limit, offset and gain of each from what is below it."""
     problem = replace(fit.problem, pieces=tuple(pieces))
-    return [offset_and_gain(p, x, limit.value_m)[0] for p, x in zip(pieces, problem.rows(fit.q), strict=True)]
+    both = zip(pieces, problem.rows(fit.q), strict=True)
+    return [offset_and_gain(p, x, limit.value_m, fit.noise.of(p)[0])[0] for p, x in both]
 
 
 def lost_m(expected: Sequence[Array], pieces: Sequence[Piece], limit: Limit, noise: Noise) -> float:
@@ -144,10 +145,3 @@ def lost_m(expected: Sequence[Array], pieces: Sequence[Piece], limit: Limit, noi
             first, second = moments_above(x[np.isfinite(x)] - limit.value_m, noise.of(piece)[0])
             worst = max(worst, float(np.sqrt(max(second.mean() - first.mean() ** 2, 0.0))))
     return worst
-
-
-def moments_above(mean: Array, sd: float) -> tuple[Array, Array]:
-    """First and second moment (n,) of the part above zero of normal variables of means (n,)."""
-    z = mean / sd
-    share, density = ndtr(z), np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
-    return mean * share + sd * density, (mean * mean + sd * sd) * share + mean * sd * density
