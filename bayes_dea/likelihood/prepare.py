@@ -180,7 +180,7 @@ def prepare(campaign: Campaign, recording: Recording) -> Prepared:
     if channel == "displacement":
         stuck = beside(y, np.bool_)
         read = with_a_reading(clean)
-        stuck[read] = stuck_rows(clean[read], quiet.sd)
+        stuck[read] = stuck_rows(clean[read], quiet.sd, rho=quiet.rho, resolution=sensor.resolution)
         held = int(np.count_nonzero(stuck))
         observed = computed(lambda seen, out: seen & ~out, observed, stuck, dtype=np.bool_) if held else observed
     masked = int(np.count_nonzero(dropouts))

@@ -44,8 +44,8 @@ def find_flat(y: ArrayLike, *, false_alarm: float = FALSE_ALARM) -> tuple[Flat, 
     return _too_long(x, _runs(x), false_alarm)
 
 
-def _too_long(x: NDArray[np.float64], runs: Runs, false_alarm: float) -> tuple[Flat, ...]:
-    """Those of all runs that are too long to be chance."""
+def _too_long(x: NDArray[np.float64], runs: Runs, false_alarm: float, least: float = 0.0) -> tuple[Flat, ...]:
+    """Those of all runs that are too long to be chance. least: share of repeats where the readings stand still."""
     first, length, repeats = runs
     if x.size < 16 or first.size == 0:
         return ()
@@ -53,7 +53,7 @@ def _too_long(x: NDArray[np.float64], runs: Runs, false_alarm: float) -> tuple[F
     # long runs raise the share that they are judged by: leave out what was found and judge again
     for _ in range(3):
         long = int(length[length >= limit].sum())
-        share = (repeats - long + 1) / max(1, x.size - long)
+        share = max(least, (repeats - long + 1) / max(1, x.size - long))
         if share >= 0.999:
             return ()
         limit = max(float(_SHORTEST), math.log(false_alarm / x.size) / math.log(share))
@@ -89,19 +89,26 @@ def _runs(x: NDArray[np.float64]) -> Runs:
     return np.concatenate(starts).astype(np.int64), np.concatenate(lengths).astype(np.int64), total
 
 
-def stuck_rows(y: ArrayLike, noise_sd: float) -> NDArray[np.bool_]:
+def stuck_rows(y: ArrayLike, noise_sd: float, *, rho: float = 0.0, resolution: float | None = None
+               ) -> NDArray[np.bool_]:
     """Readings that repeat the one before because the sensor holds it, True (n,); the first of them is a reading.
 
-    noise_sd: what the sensor scatters by at rest, in the unit of y. Where it does not scatter, repeats say nothing. A
-    value that is held several times is a limit, the end of a range within drop-outs, and is left to those who ask for
-    it; a sensor that repeats itself most of the time has steps coarser than its noise.
+    noise_sd: what the sensor scatters by at rest, in the unit of y, and rho: its correlation from row to row. Where it
+    does not scatter, repeats say nothing. resolution: its step, in the unit of y. Where a wave turns readings stand
+    still: runs are as long there as the noise makes them within one step. A value that is held several times is a
+    limit, the end of a range within drop-outs, and is left to those who ask for it; a sensor that repeats itself most
+    of the time has steps coarser than its noise.
     """
     x = np.asarray(y, dtype=float)
     out = beside(x, np.bool_)
-    runs = _runs(x) if noise_sd > 0.0 else None
+    step = resolution or 0.0
+    # of two values side by side rounding alone may make a scatter of half a step
+    own = math.sqrt(max(noise_sd**2 - 0.25 * step**2, 0.0))
+    runs = _runs(x) if own > 0.0 else None
     if runs is None or runs[2] > _COARSE * x.size:
         return out
-    flats = [f for f in _too_long(x, runs, FALSE_ALARM) if f.kind == "stuck"]
+    least = math.erf(step / (math.sqrt(8.0 * (1.0 - rho**2)) * own))
+    flats = [f for f in _too_long(x, runs, FALSE_ALARM, least) if f.kind == "stuck"]
     values = [f.value for f in flats]
     for f in flats:
         if values.count(f.value) == 1:

@@ -461,6 +461,17 @@ class TestFlat:
         for step in (0.15, 1.0, 2.0, 3.0):
             assert not stuck_rows(np.round(x / step) * step, 1.0).any()
 
+    @pytest.mark.parametrize("rho", [0.0, 0.8])
+    @pytest.mark.parametrize("sd", [0.02, 0.1, 0.3, 0.6])
+    def test_a_wave_that_turns_within_one_step_is_not_held(self, sd, rho):
+        """Elsewhere it moves steps from row to row: no share of repeats over all says how long it stands still."""
+        t = np.arange(6_000) / 1000
+        for phase in np.linspace(0.0, 1.0, 11):
+            y = 60.0 * np.sin(2 * np.pi * 1.3 * t) + phase + ar1(np.random.default_rng(31), t.size, rho, sd)
+            y = np.round(y)
+            at_rest = np.sqrt(sd**2 + 0.25 * (sd < 0.3))  # what rounding adds where two values are side by side
+            assert not stuck_rows(y, at_rest, rho=rho, resolution=1.0).any()
+
     def test_quantised_noise_is_neither(self):
         rng = np.random.default_rng(25)
         for step in (0.15, 1.0, 5.0, 20.0):
