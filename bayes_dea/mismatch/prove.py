@@ -225,8 +225,8 @@ def _compared(piece: Piece, before: _Predicted, after: _Predicted, fit: Fit) -> 
 def with_noise_at_rest(proved: list[HeldOut], fit: Fit, pieces: tuple[Piece, ...], prior: NoisePrior) -> list[HeldOut]:
     """Scores with the floor that readings at rest tell, where that is lower.
 
-    A fit that leaves a mismatch takes it for noise; as a floor that is above the errors which it is compared with. Where
-    steps are coarser than the noise, readings at rest may not scatter at all, and those that move do by rounding.
+    A fit that leaves a mismatch takes it for noise; as a floor that is above the errors which it is compared with.
+    Where steps are coarser than the noise, readings at rest may not scatter at all, and those that move do by rounding.
     """
     known = {p.channel for p in pieces if p.prepared.quiet_n}
     at_rest = replace(fit, noise=prior.start())
