@@ -95,9 +95,9 @@ def isolated_outliers(
     - it does not come back: within 60 rows after an edge not at the same lag of the other edges of its direction (in
       proportion to their jump), elsewhere not at the same place of other periods. Coming back means more than a
       quarter of its size at more than half of the others, or half of it at a twelfth of them (at two and more, at one
-      where there are but two). In the first 8 rows after an edge that is the only one of its direction the edges of
-      other recordings are looked at, also recording by recording (two that show half of it, and a quarter of them, are
-      enough); where there are fewer than two of these edges (one, of a late reading), nothing is flagged. In the rows
+      where there are but two). After an edge that is the only one of its direction the edges of other recordings are
+      looked at, also recording by recording (two that show half of it, and a quarter of them, are enough); where there
+      are fewer than two of these edges (one, of a late reading), nothing is flagged in the first 8 rows. In the rows
       behind these a run is not of which a row alone would not be. What lies on the side where the reading was before
       the edge, at it or one row after (late), is held against steps at least as large only.
 
@@ -239,16 +239,18 @@ def _returns(
         alike = np.flatnonzero(_alike(back.jump, float(back.jump[last]), late))
         alike = alike[alike != last]
         if alike.size == 0:
-            if lag[last] >= _AT_EDGE:
-                return weak
             found = [
                 _shown(x, at.edges[same] + lag[last], at.jump[same] / back.jump[last], length, float(own))
                 for x, at in elsewhere
                 for same in [_alike(at.jump, float(back.jump[last]), late)]
             ]
             share = np.concatenate([np.empty(0), *found])
+            # what is read late by a time that is dead shows behind the first rows, too
+            far = lag[last] >= _AT_EDGE
             # without anything to compare with nothing is claimed; what makes a step late does so at another as large
-            return share.size < (1 if late else 2) or _comes_back(share) or _in_recordings(found)
+            if share.size < (1 if late else 2):
+                return weak if far else True
+            return _comes_back(share) or _in_recordings(found) or far and weak
         others = back.edges[alike] + row - back.edges[last]
         weight = back.jump[alike] / back.jump[last]
     elif back.period_s > 0:

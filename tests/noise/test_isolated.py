@@ -275,3 +275,26 @@ def test_a_ring_that_dies_away_is_no_false_reading(half_period):
         r = noise(n, 0.0, rng) + np.where(at >= 0, 60e-6 * swing, 0.0)
         flagged += found(r, recurrence(u, 0.0)).size > 0
     assert flagged == 0
+
+
+def test_what_a_dead_time_of_many_rows_leaves_behind_first_steps_is_no_false_reading():
+    """8.6 ms: a rise that a lag stands in for misses the first rows behind it, in every recording at the same lag."""
+    rng = np.random.default_rng(25)
+    n = 3000
+    row = np.arange(n)
+
+    def creep(jump, lag=9):
+        u = np.where(row >= 500, jump, 0.0)
+        r = noise(n, 0.0, rng, 0.3e-6)
+        r[500 + lag : 500 + lag + 7] -= 12e-6 * (jump / 1000.0)
+        return r, recurrence(u, 0.0)
+
+    def flagged(own, *elsewhere):
+        r, back = own
+        return np.flatnonzero(isolated_outliers(r, STEP * row, 0.3e-6, 0.0, back, elsewhere=elsewhere)).tolist()
+
+    own, others = creep(1000.0), [creep(1000.0), creep(900.0), creep(1100.0)]
+    assert flagged(own, *others) == []
+    # alone, and where nothing like it shows in the others, it is one
+    assert flagged(own) == list(range(509, 516))
+    assert flagged(own, *(creep(1000.0, 300) for _ in range(3))) == list(range(509, 516))
