@@ -250,7 +250,7 @@ def _returns(
             # without anything to compare with nothing is claimed; what makes a step late does so at another as large
             if share.size < (1 if late else 2):
                 return weak if far else True
-            return _comes_back(share) or _in_recordings(found) or far and weak
+            return _comes_back(share) or _in_recordings(found) or (far and weak)
         others = back.edges[alike] + row - back.edges[last]
         weight = back.jump[alike] / back.jump[last]
     elif back.period_s > 0:

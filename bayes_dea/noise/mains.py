@@ -23,6 +23,8 @@ _SEGMENTS_S = (16.0, 128.0)
 _HIGHEST_HARMONIC = 8
 #: bins beyond which a Hann window shows nothing of a line
 _LEAK_BINS = 4.0
+#: share of a line that is left where what a drive has at its frequency is taken out
+_TOLD_APART = 0.2
 #: a gap that counts (s), and the share of a recording in such gaps from which on only its longest stretch is looked at:
 #: a line drawn across a gap holds no mains, and no noise either
 _GAP_S, _MOST_GAPS = 0.2, 0.1
@@ -112,18 +114,19 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
     lengths = sorted({min(s, longest) for s in _SEGMENTS_S if seconds > 1.5 * min(s, longest)}) or [seconds]
     trials = len(lengths) * sum(_harmonics(base, step) for base in (50.0, 60.0))
     best: _Hits | None = None
+    drive_rows = None if u is None else _on_grid(u, np.asarray(time_s, dtype=float), t)
     for length in lengths:
         spectrum = _welch(lambda first, stop: d[first:stop], d.size, step, length)
         found = {base: _lines(base, spectrum, trials, false_alarm, step) for base in (50.0, 60.0)}
-        if u is not None and any(found.values()):
-            drive = _drive(u, np.asarray(time_s, dtype=float), t, spectrum, step, length)
+        if drive_rows is not None and any(found.values()):
+            drive = _drive(drive_rows, spectrum, step, length)
             found = {base: [line for line in lines if not _of_drive(spectrum, line[1], drive)]
                      for base, lines in found.items()}
         for base, lines in found.items():
             hits = _Hits(base, spectrum, tuple(lines))
             if hits.lines and (best is None or hits.score > best.score):
                 best = hits
-    return None if best is None else _refine(best, d, t, step)
+    return None if best is None else _refine(best, d, t, step, drive_rows)
 
 
 @dataclass(frozen=True)
@@ -244,16 +247,18 @@ class _Drive:
     strongest: tuple[NDArray[np.int64], ...]  # bins of their strongest lines
 
 
-def _drive(u: ArrayLike, time: Array, grid: Array, spectrum: _Spectrum, step: float,
-           seconds: float) -> _Drive:
+def _on_grid(u: ArrayLike, time: Array, grid: Array) -> Array | None:
+    """A drive (n,) read at `time` on even steps; None where there is none, or nothing of it changes."""
     v = np.asarray(u, dtype=float)
     good = computed(lambda a, b: np.isfinite(a) & np.isfinite(b), v, time, dtype=np.bool_)
     if np.count_nonzero(good) < 2:
-        return _Drive(0.0, (), ())
+        return None
     on_grid = v if v.size == grid.size and all_finite(v) and all_finite(time) else _at(
         grid, kept(time, good), kept(v, good))
-    if on_grid.max() == on_grid.min():
-        return _Drive(0.0, (), ())
+    return None if on_grid.max() == on_grid.min() else on_grid
+
+
+def _drive(on_grid: Array, spectrum: _Spectrum, step: float, seconds: float) -> _Drive:
     power, strongest, fundamental = [], [], 0.0
     for k in (1, 2):
         p = _welch(lambda first, stop, k=k: np.diff(on_grid[first:stop + 1]**k),  # type: ignore[misc]
@@ -336,12 +341,12 @@ def _of_drive(spectrum: _Spectrum, k: int, drive: _Drive) -> bool:
     return bool(p[k] / f[k] ** 2 < 16 * level)
 
 
-def _refine(hits: _Hits, d: Array, t: Array, step: float) -> Mains:
-    """Frequency, amplitudes and phases by demodulation of the whole record."""
+def _refine(hits: _Hits, d: Array, t: Array, step: float, drive: Array | None) -> Mains:
+    """Frequency, amplitudes and phases by demodulation of the whole record. drive: on the same steps."""
     f, p = hits.spectrum.f, hits.spectrum.p
     strongest = max(hits.lines, key=lambda line: float(p[line[1]]))
     chunk = max(1, round(0.5 / step))
-    fine, coherent = _fine_frequency(d, step, _peak(f, p, strongest[1]), chunk)
+    fine, coherent = _fine_frequency(d, step, _peak(f, p, strongest[1]), chunk, drive)
     fundamental = fine / strongest[0]
     shaped = beside(d)
     for part in pieces(d.size, BLOCK):
@@ -383,14 +388,32 @@ def _noise_level(p: Array, k: int) -> float:
     return float(np.median(near))
 
 
-def _fine_frequency(d: Array, step: float, coarse: float, chunk: int) -> tuple[float, bool]:
-    """Frequency at which the demodulated record adds up most, and whether it stays in phase."""
-    z, n = _demodulate(d, step, 2 * math.pi * coarse, chunk)
+def _fine_frequency(d: Array, step: float, coarse: float, chunk: int, drive: Array | None = None
+                    ) -> tuple[float, bool]:
+    """Frequency at which the demodulated record adds up most, and whether it stays in phase.
+
+    What the square of a drive has there, times one complex number, is taken out: a wave of 100 um that begins within a
+    chunk leaves more in it than a line of half a micrometre.
+    """
+    w = 2 * math.pi * coarse
+    z, n = _demodulate(d, step, w, chunk)
     if n < 4:
         return coarse, True
     window = np.hanning(n + 2)[1:-1]
     size = 1 << (int(math.log2(n)) + 4)
-    spectrum = np.abs(np.fft.fft(z * window, size))
+    told = np.full(size, window.sum())
+    if drive is not None:
+        squares = beside(d)
+        for part in pieces(d.size, BLOCK):
+            squares[part] = np.diff(drive[part.start:part.stop + 1] ** 2)
+        driven, _ = _demodulate(squares, step, w, chunk)
+        whole = float(np.sum(window * np.abs(driven) ** 2))
+        if whole > 0.0:
+            beside_it = told - np.abs(np.fft.fft(driven * window, size)) ** 2 / whole
+            # at frequencies that the drive cannot be told from nothing is taken out
+            if beside_it.min() > _TOLD_APART * window.sum():
+                z, told = z - driven * (np.vdot(driven, window * z) / whole), beside_it
+    spectrum = np.abs(np.fft.fft(z * window, size)) / np.sqrt(told)
     offsets = np.fft.fftfreq(size, chunk * step)
     k = int(np.argmax(np.where(np.abs(offsets) < 0.25 / (chunk * step), spectrum, 0.0)))
     left, centre, right = (float(np.log(spectrum[(k + i) % size] + 1e-300)) for i in (-1, 0, 1))
