@@ -32,7 +32,9 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     is taken off first, by its running median. Local scale: a typical value of the record or, where clearly
     larger, the one-sided medians of 25 samples before and after, so ringing raises its own threshold. Two
     lengths of side windows (3 and 9 samples) find single readings and runs of up to four. What happens at
-    one and the same lag after many edges of the input answers to the input and is no drop-out.
+    one and the same lag after many edges of the input answers to the input and is no drop-out;
+    nor is what comes twice soon after one of few edges (a mass that swings), nor what noise takes below
+    the end of a sensor's range, where most readings are that end.
 
     On normal noise, white or AR(1), the false-alarm rate is below 1e-6 a sample.
 

@@ -156,7 +156,7 @@ def test_a_run_that_is_lost_in_a_stroke_that_fades_is_found():
     np.testing.assert_array_equal(find_lost(y, V, resolution=STEP), lost)
 
 
-def test_a_pulse_between_hours_at_the_same_level_is_none():
+def test_a_pulse_to_a_level_that_was_held_for_minutes_is_none():
     """It comes with a jump of the input and goes with another; a run that is lost just before it is found."""
     t = np.arange(0.0, 300.0, 1.0 / FS)
     on = (t >= 1.0) & (t < 250.0) | (t >= 280.0) & (t < 280.5)

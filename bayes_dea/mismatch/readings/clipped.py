@@ -128,7 +128,7 @@ def beyond_reach(pieces: Sequence[Piece], limit: Limit, fit: Fit) -> tuple[Piece
 
 
 def expectations(fit: Fit, pieces: Sequence[Piece], limit: Limit) -> list[Array]:
-    """Expected readings (n,) of pieces had the sensor no limit, offset and gain of each from what is below it."""
+    """Expected readings (n,) of pieces had the sensor no limit, with the offset and gain of each."""
     problem = replace(fit.problem, pieces=tuple(pieces))
     both = zip(pieces, problem.rows(fit.q), strict=True)
     return [offset_and_gain(p, x, limit.value_m, fit.noise.of(p)[0])[0] for p, x in both]
