@@ -24,6 +24,7 @@ from ..where.locate import Places, is_adequate, places_of, scan
 from ..where.size import effect_size
 from .beside import beside, promised_beside, together, top_of
 from .containing import containing
+from .damper_or_lag import damper_or_lag
 from .elements import counted
 from .exchanged import exchanged
 from .frame import Frame
@@ -295,6 +296,7 @@ class _Search:
             fitted = {name for name, w in self.known.weighed.items() if w.refitted}
             self.known.take_from_elsewhere(alike(best, fitted, self.quest))
             self.known.take_from_elsewhere(containing(best, fitted, self.quest))
+            self.known.take_from_elsewhere(damper_or_lag(best, self.known.weighed, self.quest))
             self.known.take_from_elsewhere(damped_and_shifted(best, self.known.counting, self.quest))
             self.known.take_from_elsewhere(pairs_read_early_or_late(best, self.known.counting, self.quest))
 
