@@ -98,10 +98,8 @@ def judged(ready: Prepared, seen: Seen, naming: Naming) -> Judged:
     ringing = partial(holder_resonance, nothing=nothing)
     physics = (supply_offset, output_play, edge_crosstalk, ringing)
     unlisted = clearest(find(naming, ruling.named, ready.prior) for find in physics)
-    if unlisted is not None and nothing is not None:
-        # what the sensor does not resolve is not claimed
-        large = repair_size(nothing.fit, unlisted.repaired) >= ready.resolution_m
-        unlisted = unlisted if large else None
+    if unlisted is not None and _below_a_step(unlisted, nothing, naming, ready.resolution_m):
+        unlisted = None  # what the sensor does not resolve is not claimed, nor told beside what is
     if unlisted is not None:
         nats = unlisted.log_evidence - naming.log_evidence.get(UNKNOWN, 0.0)
         # of two explanations the likelier one is the verdict; what speaks against none has to be clear
@@ -156,6 +154,16 @@ def _nothing_claimed(naming: Naming, ruling: Ruling) -> Weighed | None:
     if ruling.verdict not in (NONE, MAINS) or not (naming.none.adequate or late):
         return None
     return naming.weighed[DELAY] if late else naming.none.weighed
+
+
+def _below_a_step(unlisted: Unlisted, nothing: Weighed | None, naming: Naming, resolution_m: float) -> bool:
+    """Whether something unlisted is nowhere as much as the sensor resolves, held against what it stands beside; where
+    that was not weighed it counts."""
+    rest = naming.none.weighed if unlisted.beside == NONE else naming.weighed.get(unlisted.beside)
+    simpler = nothing or rest
+    if simpler is None or (simpler is not naming.none.weighed and not simpler.refitted):
+        return False
+    return repair_size(simpler.fit, unlisted.repaired) < resolution_m
 
 
 def _without_drift(naming: Naming) -> tuple[Fit, str]:

@@ -199,6 +199,13 @@ def regressed(
     return Regression.of(A, res.e, res.start, sd), np.asarray(tells)
 
 
+def _in_words(terms: Sequence[tuple[float, str]], unit: str) -> str:
+    """A sum of terms, each with its coefficient."""
+    first, *others = [(mean, f"{abs(mean):.2g} {unit} x ({term})") for mean, term in terms]
+    text = f"{'-' if first[0] < 0.0 else ''}{first[1]}"
+    return "".join([text, *(f" {'-' if mean < 0.0 else '+'} {one}" for mean, one in others)])
+
+
 def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple[dict[str, Any], Repaired | None]:
     """Linear terms beside the best fit, each with its size.
 
@@ -241,7 +248,7 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
                 "inclusion_probability": 1.0 / (1.0 + math.exp(-min(max(0.5 * gain, -50.0), 50.0))),
             }
         )
-    words = " + ".join(f"{t['mean'] * factor:.2g} {shown} x ({t['term']})" for t in terms)
+    words = _in_words([(t["mean"] * factor, t["term"]) for t in terms], shown)
     _, stage, acts = _TERMS[chosen[0]]
     learned = Terms(fit, channel, reach, tuple(chosen), found)
     return {**told, "stage": stage, "acts_on": acts, "form": words, "terms": terms}, learned.repaired(prior)

@@ -12,6 +12,7 @@ from .search.hypotheses import MAINS, NONE, UNKNOWN, refused
 from .search.naming import Naming
 from .search.weigh import Weighed
 from .timing import SHIFT_NOTE
+from .where.locate import AT_REST
 
 #: share of an error by which it has to move to be said in its digits, and nats of ELPD that are worth a word
 _MOVES, _A_NAT = 0.005, 1.0
@@ -61,22 +62,7 @@ def statement(
             f"beyond it nothing speaks against {summary['model']} ({confidence})."
         )
     if verdict == UNKNOWN:
-        fix = summary.get("repair", {})
-        partial = naming.best.weighed.name
-        lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
-        if fix.get("stage") in (None, "unknown"):
-            lives = "its form does not tell in which stage it lives"
-        what = "that is not on the list"
-        if refused(naming.skipped):
-            what = "that nothing which can be weighed explains"
-        text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
-        numbers = _proved(_without_repair(proof))
-        if partial != NONE:
-            part, end = f" The best partial explanation is {partial}; it does not mend all", _at_its_end(naming)
-            if naming.best.adequate:  # more of it is not what is missing
-                part, end = f" It is likelier than {partial}, though that leaves nothing that a test can see", ""
-            text += f"{part}{f': {numbers}' if numbers else ''}.{end}"
-        return text + _carries_over(fix, proof, partial)
+        return _something_unknown(summary, naming)
     told = next(h for h in summary["hypotheses"] if h["name"] == verdict)["parameters"]
     values: dict[str, float] = {k: Measured(v["mean"], v["sd"], v["q05"], v["q95"]) for k, v in told.items()}
     effects: tuple[str, ...] = ()
@@ -99,12 +85,48 @@ def statement(
     return f"{text} ({confidence}).{mended}{less}{doubt}"
 
 
+def _something_unknown(summary: dict[str, Any], naming: Naming) -> str:
+    """Where a mismatch lives that nothing on the list explains, and what the best partial explanation is worth."""
+    fix, proof, partial = summary.get("repair", {}), summary["proof"], naming.best.weighed.name
+    lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
+    if fix.get("stage") in (None, "unknown"):
+        lives = "its form does not tell in which stage it lives"
+    what = "that nothing which can be weighed explains" if refused(naming.skipped) else "that is not on the list"
+    confidence = f"confidence {summary['confidence']:.2f}"
+    text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
+    if partial != NONE:
+        text += _partly(partial, naming, _without_repair(proof))
+    return text + _carries_over(fix, proof, partial)
+
+
+def _partly(partial: str, naming: Naming, proof: dict[str, Any]) -> str:
+    """What the best partial explanation is worth, on recordings that it has not seen too. proof: of it alone."""
+    numbers, worse, end = _proved(proof), _worse(proof), ""
+    if naming.best.adequate:  # more of it is not what is missing
+        text = f" It is likelier than {partial}, though that leaves nothing that a test can see"
+        text += " where it was learned; elsewhere it does not hold" if worse else ""
+    elif worse:
+        text = f" Of what is on the list {partial} fits best, and does not hold elsewhere"
+    else:
+        text, end = f" The best partial explanation is {partial}; it does not mend all", _at_its_end(naming)
+    return f"{text}{f': {numbers}' if numbers else ''}.{end}"
+
+
 def _shown_most(summary: dict[str, Any]) -> str:
     """Where a mismatch is seen most clearly; empty where no interval is."""
     if not summary["mismatch"]["where"]:
         return ""
-    w = max(summary["mismatch"]["where"], key=lambda w: w["excess"])
+    where = summary["mismatch"]["where"]
+    # a rest that the model misses is a zero that was read off where it misses more
+    moving = [w for w in where if w["what"] != AT_REST] or where
+    w = max(moving, key=lambda w: w["excess"])
     return f" {w['recording']} shows it most, from {w['t_start_s']:.3f} to {w['t_end_s']:.3f} s ({w['what']})."
+
+
+def _worse(proof: dict[str, Any]) -> bool:
+    """Whether an explanation makes the error on recordings that it has not seen larger than it was."""
+    errors = ((proof.get(f"rmse_before_{u}"), proof.get(f"rmse_after_{u}")) for u in ("m", "N"))
+    return any(b is not None and a is not None and a - b > _MOVES * b for b, a in errors)
 
 
 def _without_repair(proof: dict[str, Any]) -> dict[str, Any]:

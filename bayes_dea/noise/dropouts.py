@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from bayes_dea.campaign.order import of, quantiles
 from bayes_dea.campaign.scratch import BLOCK, beside, copied, pieces, rows_where
@@ -18,6 +19,8 @@ _KINK = 0.35
 #: share of the readings that are one value where a sensor's range ends there, share of a stretch that makes it no
 #: measure of noise, and stretches that are enough
 _PILED, _AT_AN_END, _ENOUGH = 0.03, 0.1, 8
+#: readings of normal noise that may pass for false in a column, however long
+_BY_CHANCE = 1e-2
 #: edges of the input below which a lag that repeats cannot be seen, and samples after one in which a mass swings
 _FEW_EDGES, _SOON = 10, 15
 
@@ -36,13 +39,14 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     nor is what comes twice soon after one of few edges (a mass that swings), nor what noise takes below
     the end of a sensor's range, where most readings are that end.
 
-    On normal noise, white or AR(1), the false-alarm rate is below 1e-6 a sample.
+    On normal noise, white or AR(1), the false-alarm rate is below 1e-6 a sample, and a long column has no more false
+    alarms than a short one: the threshold rises with the number of readings (5.5 sds of 300,000).
 
     Parameters
     ----------
     y : observed column, shape (n,); nan cells are gaps and never flagged.
     u : input, shape (n,).
-    threshold : in local robust sds of the difference to the neighbours (1.1 sd of white noise).
+    threshold : in local robust sds of the difference to the neighbours (1.1 sd of white noise), at least.
     resolution : quantisation step; a spike below three steps is never flagged. None: the smallest step
         that occurs in y.
     """
@@ -51,6 +55,7 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     x, good = dense(np.ascontiguousarray(values))
     if x.size < 2 * _LOCAL + 1:
         return mask
+    threshold = max(threshold, -float(ndtri(0.5 * _BY_CHANCE / x.size)))
     edges = find_edges(u)
     if good is not None:
         edges = np.unique(np.searchsorted(good, edges))

@@ -44,7 +44,8 @@ class SupplyOffset(Unlisted):
         return (
             f"an offset of the supply of {self.mean:.2g} +- {max(self.sd, 0.05):.1g} V {self._explains} better than "
             "any effect on the list: measure the supply's output at a command of 0 V and at half of the range, and "
-            "correct the command or record measured_voltage_V"
+            "correct the command or record measured_voltage_V; a sensor that picks up part of the voltage looks much "
+            "the same"
         )
 
     def form(self) -> str:

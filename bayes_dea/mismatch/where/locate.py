@@ -28,6 +28,8 @@ from .size import STEP_M
 from .windows import Places, Windows, places_of, weights_of
 
 Array = NDArray[np.float64]
+#: what an interval before the first edge is called
+AT_REST = "before the first edge"
 
 #: below this p-value of the scan an explanation is not adequate
 ADEQUATE = 1e-3
@@ -306,7 +308,7 @@ def _describe(f: Features, inside: NDArray[np.bool_]) -> str:
         return after
     if np.isfinite(since):
         return f"plateau, {since:.3g} s after an edge"
-    return "before the first edge"
+    return AT_REST
 
 
 def _after_edges(since_s: NDArray[np.float64]) -> str | None:
