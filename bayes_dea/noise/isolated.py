@@ -36,6 +36,8 @@ _AS_LARGE = 0.9
 _CONTRAST, _NOISE = 2.5, 3.5
 #: rows on either side of a run in which one goes the other way where all three swing, and by what share of it
 _NEAR, _OTHER_WAY = 26, 0.35
+#: sds of the means of as many rows all around by which a run stands out of them
+_OUT_OF_ALL = 3.0
 #: rows put before the first and behind the last
 _PAD = 9
 #: least part of the size of a run that each of its rows shows
@@ -198,21 +200,23 @@ def _alone(x: Array, at: NDArray[np.int64], length: int, limit: float, sd: float
 
 
 def _swings(x: Array, at: NDArray[np.int64], length: int) -> NDArray[np.bool_]:
-    """Which runs (k,) lie between others of their length that go the other way by a third of it.
+    """Which runs (k,) lie between others of their length that go the other way by a third of it, or among others that
+    scatter by a third of it.
 
     The crests of a ring do, and where it is small no single one of their neighbours stands out of the noise. Off what
     is usual there: next to a false reading on a level, that level is nothing that goes the other way.
     """
-
-    def within(far: int) -> Array:
-        return x[np.clip(at[:, None] + np.arange(-far, length + far), 0, x.size - 1)]
-
-    near = within(_NEAR) - np.median(within(_REACH), axis=1)[:, None]
+    rows = np.clip(at[:, None] + np.arange(-_REACH, length + _REACH), 0, x.size - 1)
+    near = x[rows] - np.median(x[rows], axis=1)[:, None]
     means = np.lib.stride_tricks.sliding_window_view(near, length, axis=1).mean(axis=2)
-    own = means[:, _NEAR]
+    own = means[:, _REACH]
     means = np.sign(own)[:, None] * means
-    before, after = means[:, : _NEAR - length + 1].min(axis=1), means[:, _NEAR + length :].min(axis=1)
-    return np.asarray(np.maximum(before, after) < -_OTHER_WAY * np.abs(own))
+    ahead, behind = means[:, : _REACH - length + 1], means[:, _REACH + length :]
+    before, after = ahead[:, _REACH - _NEAR :].min(axis=1), behind[:, : _NEAR - length + 1].min(axis=1)
+    others = np.concatenate([ahead, behind], axis=1)
+    scatter = 1.4826 * np.median(np.abs(others - np.median(others, axis=1)[:, None]), axis=1)
+    between = np.maximum(before, after) < -_OTHER_WAY * np.abs(own)
+    return np.asarray(between | (np.abs(own) < _OUT_OF_ALL * scatter))
 
 
 def _returns(

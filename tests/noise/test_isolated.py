@@ -298,3 +298,21 @@ def test_what_a_dead_time_of_many_rows_leaves_behind_first_steps_is_no_false_rea
     # alone, and where nothing like it shows in the others, it is one
     assert flagged(own) == list(range(509, 516))
     assert flagged(own, *(creep(1000.0, 300) for _ in range(3))) == list(range(509, 516))
+
+
+def test_a_ring_on_a_level_far_behind_the_only_edge_is_no_false_reading():
+    """Where it has decayed to some sds no neighbour stands out, and its level is no middle: one of these had eight."""
+    t = np.arange(20000) * STEP
+    since = np.clip(t - 0.5, 0.0, None)
+    back = recurrence(np.where(t >= 0.5, 1000.0, 0.0), 0.0)
+    for seed in range(60):
+        rng = np.random.default_rng([5, seed])
+        e = 0.2e-6 * rng.standard_normal(t.size)
+        w, zeta = 2.0 * np.pi * rng.uniform(30.0, 80.0), rng.uniform(0.03, 0.1)
+        ring = 8e-6 * np.exp(-zeta * w * since) * np.cos(w * since) - 1.2e-6 * np.exp(-since)
+        r = e + np.where(t >= 0.5, ring, 0.0)
+        rows = found(r, back, 0.0, 0.2e-6)
+        assert not np.any(rows > 500 + 60)
+        # one that is false is found all the same, where the ring is gone
+        r[5000:5003] += 3e-6
+        assert {5000, 5001, 5002} <= set(found(r, back, 0.0, 0.2e-6))
