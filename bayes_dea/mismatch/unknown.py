@@ -45,6 +45,9 @@ _TERMS = (
 _MOST, _BEYOND = 4, 4.0
 
 
+#: how often the stage of the first term is that of what was concealed: in 13 of the 27 campaigns in which it was told,
+#: of 32 of the virtual bench and 26 of two simulators that were written apart
+_STAGE_IS_RIGHT = 0.5
 #: time after an edge (s) in which a command has no rate, and ranges a second from which on it goes up or down
 _JUMPED_S, _MOVES = 0.003, 0.02
 #: share of a term that has to be left of it once the fit has moved; what it takes up has nothing to say
@@ -231,7 +234,7 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
             break
         chosen.append(k)
         left = rest
-    told = {"stage": "unknown", "acts_on": "no term that was tried", "form": "no simple form",
+    told: dict[str, Any] = {"stage": "unknown", "acts_on": "no term that was tried", "form": "no simple form",
             "terms": [], "partial": best.weighed.name}  # fmt: skip
     if not chosen:
         return told, None
@@ -251,4 +254,5 @@ def repair(best: Explanation, looks: list[Features], prior: NoisePrior) -> tuple
     words = _in_words([(t["mean"] * factor, t["term"]) for t in terms], shown)
     _, stage, acts = _TERMS[chosen[0]]
     learned = Terms(fit, channel, reach, tuple(chosen), found)
-    return {**told, "stage": stage, "acts_on": acts, "form": words, "terms": terms}, learned.repaired(prior)
+    told |= {"stage": stage, "stage_probability": _STAGE_IS_RIGHT, "acts_on": acts, "form": words, "terms": terms}
+    return told, learned.repaired(prior)

@@ -91,12 +91,26 @@ def _something_unknown(summary: dict[str, Any], naming: Naming) -> str:
     lives = f"the mismatch lives in the {fix.get('stage')} stage and goes with {fix.get('acts_on')}"
     if fix.get("stage") in (None, "unknown"):
         lives = "its form does not tell in which stage it lives"
+    elif "stage_probability" in fix:
+        often = f"a guess that is right {round(10 * fix['stage_probability'])} times in ten"
+        lives = f"it goes with {fix['acts_on']}, which points to the {fix['stage']} stage ({often})"
     what = "that nothing which can be weighed explains" if refused(naming.skipped) else "that is not on the list"
     confidence = f"confidence {summary['confidence']:.2f}"
-    text = f"Something was left out {what} ({confidence}): {lives}.{_shown_most(summary)}"
+    text = f"Something was left out {what} ({confidence}): {lives}."
+    text += _shown_most(summary) + _not_pressed(summary, naming)
     if partial != NONE:
         text += _partly(partial, naming, _without_repair(proof))
     return text + _carries_over(fix, proof, partial)
+
+
+def _not_pressed(summary: dict[str, Any], naming: Naming) -> str:
+    """What mechanical recordings say where they show nothing; empty where there are none, or they do."""
+    pieces = naming.best.weighed.fit.problem.pieces
+    pressed = {p.name for p in pieces if p.channel == "force" and p.nodes is None}
+    where = summary["mismatch"]["where"]
+    if not pressed or not where or any(w["recording"] in pressed for w in where):
+        return ""
+    return " Without voltage nothing of it is seen."
 
 
 def _partly(partial: str, naming: Naming, proof: dict[str, Any]) -> str:

@@ -18,7 +18,7 @@ from scores import Row
 
 _AS_THEY_ARE = (
     "seed", "kind", "code", "truth", "concealed", "effects", "sizes", "verdict", "confidence", "raw", "set", "lead",
-    "proof", "seconds", "processor_s", "p_value", "adequacy", "model", "mechanical", "error",
+    "beside", "proof", "seconds", "processor_s", "p_value", "adequacy", "model", "mechanical", "error",
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""By how much the true equations lead every rival, in one campaign of the study.
+"""By how much the true equations lead every rival, and how large each of two effects is, in one campaign of the study.
 
 What recordings can name is what no rival comes near: it does not matter how much an effect changes them but how much
 better the truth explains them than the best of everything else. The truth is fitted from its true values, so that a
@@ -28,10 +28,15 @@ def lead_of(case: Any, campaign: Any, result: Any) -> float | None:
     weighed = {k: v for k, v in result.naming.log_evidence.items() if k != "unknown"}
     whole = truth | _timing(case)
     own = [v for k, v in weighed.items() if set(k.split("+")) == whole]
-    fitted = _from_the_truth(case, campaign, result)
-    own += [] if fitted is None else [fitted]
+    fitted = fit_of_the_truth(case, campaign, result.base, result.assembled)
+    own += [] if fitted is None else [float(fitted.log_evidence)]
     rivals = [v for k, v in weighed.items() if not truth <= set(k.split("+"))]
     return max(own) - max(rivals) if own and rivals else None
+
+
+def names_of(case: Any) -> list[str]:
+    """What is true of a case: its effects, and the delay by which its readings stand beside their command."""
+    return [*case.truth.split("+"), *_timing(case)]
 
 
 def _timing(case: Any) -> set[str]:
@@ -51,17 +56,17 @@ def _laws(names: Sequence[str], known: Mapping[str, float]) -> dict[str, Any]:
     return {p: prior for p, prior in laws if known.get(p) and (prior.b > 0.0 or known[p] < 0.0)}
 
 
-def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
-    """Laplace's log evidence of the true model, fitted from the true values."""
+def fit_of_the_truth(case: Any, campaign: Any, base: Any, assembled: Any) -> Any:
+    """The true model fitted from its true values, on the recordings that `base` was fitted to; None where it has no
+    answer there."""
     from bayes_dea.gauss_newton.laws import COUNTED
     from bayes_dea.gauss_newton.noise_prior import noise_prior
     from bayes_dea.gauss_newton.refit import refit
     from bayes_dea.mismatch.search.hypotheses import effect_priors, extended
     from bayes_dea.priors import Prior
 
-    base = result.base
     late_s = case.plan.faults.displacement_late_s
-    names = [*case.truth.split("+"), *_timing(case)]
+    names = names_of(case)
     known = {**case.parameters, **({"T_d_s": late_s} if late_s else {})}
     counts = {COUNTED[n]: Prior("fixed", case.parameters["elements"]) for n in names if n in COUNTED}
     model = extended(base.problem.model, names, {**effect_priors(names, campaign), **_laws(names, known), **counts})
@@ -73,6 +78,6 @@ def _from_the_truth(case: Any, campaign: Any, result: Any) -> float | None:
         return None
     z = model.from_prior_coordinates(model.priors.to_coordinates(true))[0]
     q = np.concatenate([z, base.q[base.problem.model.dimension :]])
-    prior = noise_prior(result.assembled)
+    prior = noise_prior(assembled)
     fit = refit(base.problem.with_model(model), q, prior.start(), prior)
-    return None if fit is None or not np.isfinite(fit.log_evidence) else float(fit.log_evidence)
+    return None if fit is None or not np.isfinite(fit.log_evidence) else fit

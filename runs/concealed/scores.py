@@ -73,13 +73,16 @@ def finished(rows: Iterable[Row]) -> list[Row]:
 
 def hit(row: Row) -> bool:
     """The verdict is right: names of a pair in any order."""
-    return set(row["verdict"].split("+")) == set(row["truth"].split("+"))
+    return _same(row["verdict"], row["truth"])
 
 
 def in_set(row: Row) -> bool:
     """The truth is in the set that cannot be told apart."""
-    truth = set(row["truth"].split("+"))
-    return any(set(m.split("+")) == truth for m in row["set"])
+    return any(_same(m, row["truth"]) for m in row["set"])
+
+
+def _same(names: str, others: str) -> bool:
+    return set(names.split("+")) == set(others.split("+"))
 
 
 def group(row: Row) -> str:
@@ -112,6 +115,19 @@ def _as_well(row: Row) -> bool:
     """A rival explains the recordings as well. A sensor's limit is read off the readings, whatever explains them."""
     lead = row.get("lead")
     return lead is not None and lead < ALIKE_NATS and "sensor_clipping" not in row["truth"].split("+")
+
+
+def claimable(row: Row) -> list[str]:
+    """What may be claimed of a truth: all of it, or, where one of several effects is below a step beside the others,
+    what is left without that one (CONTRACT 1). Where each of two is, they are one and the same, and either may be."""
+    small = [e for e, size in row.get("beside", {}).items() if size < 1.0]
+    names = row["truth"].split("+")
+    return ["+".join(n for n in names if n != e) for e in small] or [row["truth"]]
+
+
+def _hidden(row: Row) -> bool:
+    """One of several effects is less than the sensor resolves beside the others."""
+    return claimable(row) != [row["truth"]]
 
 
 def steps(row: Row) -> float:
@@ -204,6 +220,7 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
     # something is seen, but a rival explains it as well, or nearly; and what lies between
     weaker = [r for r in acting if not nameable(r) and _detected(r)]
     alike = [r for r in weaker if _as_well(r)]
+    hidden, seen = ([r for r in alike if _hidden(r) is below] for below in (True, False))
     between = [r for r in weaker if not _as_well(r)]
     named = [r for r in acting if hit(r) and r["proof"].get("rmse_after_m") is not None]
     judged = strong + by["none"] + by["unknown"]
@@ -217,6 +234,15 @@ def scores(rows: Sequence[Row]) -> dict[str, Any]:
                      "largest_set": max((len(r["set"]) for r in strong), default=0)},
         "alike": {"in_set": rate(alike, in_set).json(), "largest_set": max((len(r["set"]) for r in alike), default=0),
                   "claimed_with_more_than_0.8": rate(alike, lambda r: r["confidence"] > 0.8).json()},
+        # of these: all that is true is at least a step, whatever else is in; and one of several is not
+        "alike_seen": {
+            "in_set": rate(seen, in_set).json(), "largest_set": max((len(r["set"]) for r in seen), default=0),
+            "claimed_with_more_than_0.8": rate(seen, lambda r: r["confidence"] > 0.8).json(),
+        },
+        "alike_hidden": {
+            "right": rate(hidden, lambda r: any(_same(r["verdict"], c) for c in claimable(r))).json(),
+            "in_set": rate(hidden, lambda r: any(_same(m, c) for c in claimable(r) for m in r["set"])).json(),
+        },
         "between": {"right": rate(between, hit).json(), "in_set": rate(between, in_set).json()},
         "false_alarms": rate(by["none"], _detected).json(),
         "unknown_named": rate(by["unknown"], lambda r: r["verdict"] not in ("unknown", "none")).json(),

@@ -11,13 +11,15 @@ REST = {"recording": "sine_10Hz.csv", "t_start_s": 0.18, "t_end_s": 0.24, "what"
 MOVES = {"recording": "creep_1.csv", "t_start_s": 0.5, "t_end_s": 0.6, "what": "rising edges", "excess": 60.0}
 
 
-def told(where, before_m, after_m, adequate=False):
-    weighed = SimpleNamespace(name="leakage", fit=None, effects=())
+def told(where, before_m, after_m, adequate=False, pressed=(), **fix):
+    pieces = [SimpleNamespace(name=n, channel="force", nodes=None) for n in pressed]
+    fit = SimpleNamespace(problem=SimpleNamespace(pieces=pieces))
+    weighed = SimpleNamespace(name="leakage", fit=fit, effects=())
     best = SimpleNamespace(weighed=weighed, adequate=adequate)
     proof = {"how": "validate", "held_out": [{"noise_m": 3e-7}], "rmse_before_m": before_m, "rmse_after_m": after_m,
              "noise_m": 3e-7, "elpd_gain": 10.0}  # fmt: skip
     summary = {"verdict": "unknown", "confidence": 0.96, "proof": proof, "mismatch": {"where": where},
-               "repair": {"stage": "mechanical", "acts_on": "direction", "terms": []}, "warnings": [],
+               "repair": {"stage": "mechanical", "acts_on": "direction", "terms": [], **fix}, "warnings": [],
                "hypotheses": [{"name": "unknown"}], "indistinguishable": ["unknown"]}  # fmt: skip
     return statement(summary, SimpleNamespace(best=best, skipped={}), "unknown")
 
@@ -32,6 +34,22 @@ def test_a_mismatch_is_shown_where_something_moves():
     assert "creep_1.csv shows it most, from 0.500 to 0.600 s (rising edges)" in told([REST, MOVES], 9e-7, 5e-7)
     assert "sine_10Hz.csv shows it most" in told([REST], 9e-7, 5e-7)
     assert "shows it most" not in told([], 9e-7, 5e-7)
+
+
+def test_a_stage_that_is_guessed_is_said_to_be():
+    assert "the mismatch lives in the mechanical stage and goes with direction." in told([MOVES], 9e-7, 5e-7)
+    guessed = told([MOVES], 9e-7, 5e-7, stage_probability=0.5)
+    assert "goes with direction, which points to the mechanical stage (a guess that is right 5 times in ten)" in guessed
+    assert "lives in" not in guessed
+
+
+def test_a_press_that_shows_nothing_is_said():
+    said = "Without voltage nothing of it is seen."
+    assert said in told([MOVES], 9e-7, 5e-7, pressed=["relaxation.csv"])
+    assert said not in told([MOVES], 9e-7, 5e-7)
+    assert said not in told([], 9e-7, 5e-7, pressed=["relaxation.csv"])
+    shown = {**MOVES, "recording": "relaxation.csv"}
+    assert said not in told([MOVES, shown], 9e-7, 5e-7, pressed=["relaxation.csv"])
 
 
 def test_what_makes_the_error_larger_elsewhere_explains_no_part():

@@ -80,11 +80,34 @@ def test_what_a_rival_explains_as_well_cannot_be_named():
     assert s["between"]["right"] == scores.Rate(2, 2).json()
 
 
+def test_of_two_effects_one_below_a_step_beside_the_other_is_not_to_be_claimed():
+    pair = "leakage+thickness_feedback"
+    rows = [
+        row(1, pair, "leakage", 0.9) | {"lead": 1.0, "beside": {"leakage": 21.0, "thickness_feedback": 0.3}},
+        row(2, pair, pair, 0.9) | {"lead": 1.0, "beside": {"leakage": 21.0, "thickness_feedback": 0.3}},
+        row(3, pair, "leakage", 0.9) | {"lead": 1.0, "beside": {"leakage": 21.0, "thickness_feedback": 1.3}},
+        row(4, pair, "leakage", 0.5, ["leakage", pair]) | {"lead": 1.0},  # sizes not known
+        row(5, "sensor_lag", "parallel_damper", 0.5, ["parallel_damper", "sensor_lag"]) | {"lead": 0.0},
+    ]
+    assert scores.claimable(rows[0]) == ["leakage"]
+    assert scores.claimable(rows[2]) == [pair]
+    s = scores.scores(rows)
+    assert s["alike"]["in_set"] == scores.Rate(3, 5).json()
+    assert s["alike_seen"]["in_set"] == scores.Rate(2, 3).json()
+    assert s["alike_seen"]["claimed_with_more_than_0.8"] == scores.Rate(1, 3).json()
+    # what is claimed beyond that is as wrong as what is missed
+    assert s["alike_hidden"]["right"] == scores.Rate(1, 2).json()
+    assert s["alike_hidden"]["in_set"] == scores.Rate(1, 2).json()
+    # a leak through a resistance is both: either may be claimed, and no third one
+    both = row(6, "series_resistance+leakage", "leakage", 0.9) | {"beside": {"series_resistance": 0.0, "leakage": 0.0}}
+    assert scores.claimable(both) == ["leakage", "series_resistance"]
+
+
 def test_by_how_much_the_truth_leads(monkeypatch):
     import lead
 
-    monkeypatch.setattr(lead, "_from_the_truth", lambda *_: 130.0)
-    found = SimpleNamespace(naming=SimpleNamespace(log_evidence={
+    monkeypatch.setattr(lead, "fit_of_the_truth", lambda *_: SimpleNamespace(log_evidence=130.0))
+    found = SimpleNamespace(base=None, assembled=None, naming=SimpleNamespace(log_evidence={
         "none": 10.0, "unknown": 500.0, "sensor_lag": 120.0, "parallel_damper": 125.0, "sensor_lag+leakage": 131.0,
     }))  # fmt: skip
     beside, late = (SimpleNamespace(faults=SimpleNamespace(displacement_late_s=s)) for s in (0.0, 3e-4))
