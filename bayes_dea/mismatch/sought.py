@@ -216,7 +216,7 @@ def _with_own_gains(
         if w.name not in naming.log_weight:  # too small to be claimed
             continue
         tell(k, len(parts) + 2, f"a gain of each recording, {w.name}")
-        loose = with_gains(w.fit, pieces)
+        loose = with_gains.where_worth(w.fit, pieces)
         if loose is not None and is_adequate(loose, rng):
             odds = naming.log_weight[w.name] - naming.log_evidence[w.name]
             out.append(Rereading(loose, loose.log_evidence + math.log(MOVED) + odds, gains=True))
@@ -255,7 +255,7 @@ def _taken_by_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, r
 def _left_to_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> float:
     """The same where a gain of each recording leaves nothing, and none is so large that it may be another actuator's.
     """
-    loose = with_gains(fit, pieces)
+    loose = with_gains.where_worth(fit, pieces)
     if loose is None or not gains_of(loose).may_be_moved or not is_adequate(loose, rng):
         return 0.0
     return max(nats_of_gains(fit, loose), 0.0)
@@ -263,7 +263,7 @@ def _left_to_gains(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rn
 
 def _loosened(fit: Fit, pieces: tuple[Piece, ...], with_gains: Loosened, rng: np.random.Generator) -> Fit | None:
     """An explanation with a gain of each recording, where these are worth a search; else None."""
-    loose = with_gains(fit, pieces)
+    loose = with_gains.where_worth(fit, pieces)
     if loose is None or not worth_a_search(fit, loose, with_gains.prior, lambda f: scan(f, rng).nothing_claimed):
         return None
     return loose

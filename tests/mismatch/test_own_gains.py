@@ -16,7 +16,15 @@ from bayes_dea.gauss_newton.refit import refit
 from bayes_dea.mismatch import sought
 from bayes_dea.mismatch.diagnosis import diagnose
 from bayes_dea.mismatch.readings.instead_of_gains import better_than_gains
-from bayes_dea.mismatch.readings.own_gains import MOVED, Loosened, apart, gains_of, own_gains, worth_a_search
+from bayes_dea.mismatch.readings.own_gains import (
+    MOVED,
+    Loosened,
+    apart,
+    gains_of,
+    may_take_much,
+    own_gains,
+    worth_a_search,
+)
 from bayes_dea.mismatch.readings.seen import Seen
 from bayes_dea.mismatch.search import name
 from bayes_dea.mismatch.search.naming import Naming, across_readings
@@ -56,6 +64,18 @@ def test_what_explains_more_than_gains_do_is_looked_for(campaign, better):
     # nor is it by more than it leads, or where a sensor does not resolve it
     assert not better_than_gains(fit, loose, prior, behind=1e4)
     assert not better_than_gains(fit, loose, prior, 1e-5)
+
+
+def test_one_step_tells_whether_gains_may_take_much():
+    """What a resistance leaves no gain takes, and no fit is made to see that; gains that differ are looked at."""
+    fit, prior = fitted(concealed({"series_resistance": {"R_s_ohm": 3e5}}))
+    assert not may_take_much(fit, fit.problem.pieces, prior)
+    assert Loosened(prior).where_worth(fit, fit.problem.pieces) is None
+    assert own_gains(fit, fit.problem.pieces, prior) is not None  # which is what it says nothing of
+    apart_fit, prior = fitted(resized(concealed(), FACTORS))
+    assert may_take_much(apart_fit, apart_fit.problem.pieces, prior)
+    loosened = Loosened(prior)
+    assert loosened.where_worth(apart_fit, apart_fit.problem.pieces) is loosened(apart_fit, apart_fit.problem.pieces)
 
 
 @pytest.mark.long

@@ -35,3 +35,13 @@ def test_a_mode_that_a_damper_sets_free_is_put_where_it_is_needed():
     assert set(summary["indistinguishable"]) == {
         "fractional_relaxation+parallel_damper", "fractional_relaxation+sensor_lag",
     }  # fmt: skip
+
+
+@pytest.mark.long
+def test_beside_the_second_of_two_another_is_looked_for_as_well():
+    """A curved sensor that drifts, read 0.5 ms early: stiffening led alone, and stayed with the drift, 68 nats behind.
+    """
+    case = draw_case(1568481)
+    summary = diagnose(campaign_of(case), case.model, seed=1).summary
+    assert case.truth == "sensor_nonlinearity+sensor_drift"
+    assert summary["verdict"] == case.truth

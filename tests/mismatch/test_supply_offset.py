@@ -47,6 +47,25 @@ def test_there_is_none_where_the_supply_gives_what_is_asked_or_less(volts):
     assert offset_of(fit, prior, fit.log_evidence) is None
 
 
+def test_what_one_step_does_not_promise_is_not_climbed_for(monkeypatch):
+    """Beside friction and a mass a climb took 15 s to find that an offset brings nothing."""
+    problem, prior, q = problem_of(commanded(10.0))
+    fit = refit(problem, q, prior.start(), prior)
+    found = offset_of(fit, prior, fit.log_evidence + 50.0)
+    assert found is not None  # the premise: what is there is climbed for
+    assert abs(found.mean - 10.0) < 4 * found.sd
+
+    def climbed(*_):
+        raise AssertionError("a climb was made")
+
+    monkeypatch.setattr("bayes_dea.mismatch.readings.supply_offset.Climb", climbed)
+    with pytest.raises(AssertionError, match="a climb"):
+        offset_of(fit, prior, fit.log_evidence + 50.0)
+    without, prior, q = problem_of(commanded(0.0))
+    plain = refit(without, q, prior.start(), prior)
+    assert offset_of(plain, prior, plain.log_evidence + 500.0) is None
+
+
 def test_a_piece_under_an_offset_is_that_of_a_campaign_that_was_commanded_so():
     asked, given = (problem_of(commanded(v))[0] for v in (10.0, 0.0))
     _, _, q = problem_of(commanded(0.0))

@@ -13,13 +13,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece
-from ...gauss_newton.refit import Fit, refit
+from ...gauss_newton.refit import Fit, extrapolated, refit
 from ..search.once import Once
 from ..search.weigh import excess
+
+Array = NDArray[np.float64]
 
 #: prior probability that a sensor was moved or set anew between recordings
 MOVED = 0.01
@@ -29,6 +32,9 @@ DIFFERENT = 0.02
 _LEAST = 4
 #: share of what an explanation leaves beyond noise that gains have to take away for a search to begin anew with them
 _MUCH = 0.5
+#: share of it that one step has to promise for a refit to be made: of a dozen none took more than 1.14 of what it had
+#: promised
+_PROMISED = 0.3
 
 
 @dataclass(frozen=True)
@@ -108,6 +114,29 @@ def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | Non
     None where it has that already, or where there are too few recordings to tell; of a sensor that is coarser than its
     noise plateaus are off by parts of a step, which is no gain.
     """
+    start = _begun(fit, pieces)
+    if start is None:
+        return None
+    problem, q = start
+    return refit(problem, q, fit.noise, prior, known=replace(fit.linearisation, q=q))
+
+
+def may_take_much(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> bool:
+    """Whether a gain of each recording may take much of what a fit leaves (`worth_a_search`), or all of it.
+
+    By one step from where it stands, which costs no simulation: gains are linear, and what moves along with them falls
+    short of what it promises rather than beyond it.
+    """
+    start = _begun(fit, pieces)
+    if start is None:
+        return False
+    problem, q = start
+    _, promised = extrapolated(problem, replace(fit, q=q, noise=prior.start()), prior)
+    return promised > _PROMISED * excess(fit, prior)
+
+
+def _begun(fit: Fit, pieces: Sequence[Piece]) -> tuple[Problem, Array] | None:
+    """A problem with a gain for each recording, and a fit's coordinates in it; None where `own_gains` has none."""
     problem = fit.problem
     if any(p.rounding for p in pieces):
         return None
@@ -115,7 +144,7 @@ def own_gains(fit: Fit, pieces: Sequence[Piece], prior: NoisePrior) -> Fit | Non
         return None
     shared = fit.q[problem.dimension - problem.gain_sd.size :]
     q = np.concatenate([fit.q[: fit.q.size - shared.size], shared[[p.group for p in pieces]]])
-    return refit(_loosened(problem, pieces), q, fit.noise, prior, known=replace(fit.linearisation, q=q))
+    return _loosened(problem, pieces), q
 
 
 class Loosened:
@@ -124,10 +153,15 @@ class Loosened:
     def __init__(self, prior: NoisePrior) -> None:
         self.prior = prior
         self._known: Once[Fit | None] = Once()
+        self._may: Once[bool] = Once()
 
     def __call__(self, fit: Fit, pieces: Sequence[Piece]) -> Fit | None:
         """See `own_gains`."""
         return self._known((fit, pieces), lambda: own_gains(fit, pieces, self.prior))
+
+    def where_worth(self, fit: Fit, pieces: Sequence[Piece]) -> Fit | None:
+        """The same where gains may take much of what a fit leaves."""
+        return self(fit, pieces) if self._may((fit, pieces), lambda: may_take_much(fit, pieces, self.prior)) else None
 
 
 def nats_of_gains(before: Fit, after: Fit) -> float:

@@ -29,7 +29,7 @@ from .elements import counted
 from .exchanged import exchanged
 from .frame import Frame
 from .grid import Screened
-from .hypotheses import DELAY, candidates, effect_priors, prior_odds
+from .hypotheses import DELAY, candidates, effect_priors, extended, prior_odds
 from .in_its_place import alike
 from .known import SLIGHT, Known, shares
 from .mass_read_late import mass_read_early_or_late
@@ -53,7 +53,7 @@ from .pairs import (
 )
 from .promising import FOUND, LEAST_GAIN, REMAINS, frames_of, on_grids, refined, settled, too_dear, typical
 from .quest import Quest, Report, unheard
-from .relabel import FURTHER, labellings
+from .relabel import FURTHER, in_place_of_one, labellings
 from .rivals import CROSSED, again, from_the_leader, put_right
 from .second_thoughts import merged, second_thoughts
 from .shifted import (
@@ -296,9 +296,10 @@ class _Search:
             fitted = {name for name, w in self.known.weighed.items() if w.refitted}
             self.known.take_from_elsewhere(alike(best, fitted, self.quest))
             self.known.take_from_elsewhere(containing(best, fitted, self.quest))
-            self.known.take_from_elsewhere(damper_or_lag(best, self.known.weighed, self.quest))
             self.known.take_from_elsewhere(damped_and_shifted(best, self.known.counting, self.quest))
             self.known.take_from_elsewhere(pairs_read_early_or_late(best, self.known.counting, self.quest))
+            self.known.take_from_elsewhere(self._without_the_further_mode(self._likeliest))
+            self.known.take_from_elsewhere(damper_or_lag(self._likeliest, self.known.weighed, self.quest))
 
     def naming(self, skipped: dict[str, str], visible: tuple[str, ...]) -> Naming:
         """The probabilities of all that was weighed."""
@@ -326,6 +327,11 @@ class _Search:
         ranked = sorted(self.known.counting, key=lambda w: -weight(w))
         near = [w.fit for w in ranked if len(w.effects) > 1 and weight(w) > weight(ranked[0]) - CROSSED]
         return tuple(near[: 1 + PARTNERS])
+
+    @property
+    def _likeliest(self) -> Weighed:
+        """Of all that was weighed; beside the best there may be a likelier one, read a part of a sample late, say."""
+        return max([self.best.weighed, *self.known.counting], key=self.known.weight)
 
     @property
     def _is_explained(self) -> bool:
@@ -388,6 +394,21 @@ class _Search:
             return False
         self._lead(top)
         return True
+
+    def _without_the_further_mode(self, w: Weighed) -> list[Weighed]:
+        """An explanation with its further mode in the place of one of the base's, where it has not been thought over.
+
+        A mode that did the work of a lag before that was in has stayed where it was, and a further one does its own.
+        """
+        others = [n for n in w.effects if n != FURTHER]
+        if len(others) in (0, len(w.effects)) or any(w is c for c in self._considered):
+            return []
+        model = extended(self.quest.model, others, self.quest.by(w.laws).given)
+        if model is None:
+            return []
+        self.quest.say("leaving one out", 0, 1, "+".join(others))
+        simpler = in_place_of_one(w, self.quest.base, model, self.brief.prior)
+        return [] if simpler is None else [simpler]
 
     def _one_more(self) -> bool:
         """Look for an effect beside the best, where that is not enough; whether yet another may be looked for."""

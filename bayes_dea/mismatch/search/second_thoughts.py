@@ -65,8 +65,11 @@ def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
     out += [t for pair in narrow_ones for t in widened(pair, by, w.value)]
     if len(w.effects) == 1 and w.effects[0] in CONTAINS and out and quest.explained_by(w.fit):
         out += beside_the_narrow(w, out[0], quest)
-    if len(w.effects) == 2 and len(out) > 1:
-        second, first = sorted(out[:2], key=lambda t: t.log_evidence)  # the first was the one that led alone
+    # a shift of the readings is none of two; where both leave nothing there is no need
+    late = len(w.effects) == 3 and DELAY in w.effects and not quest.explained_by(w.fit)
+    parts = [t for t in out if len(t.effects) == 2 and DELAY in t.effects] if late else out[:2]
+    if (late or len(w.effects) == 2) and len(parts) == 2:
+        second, first = sorted(parts, key=lambda t: t.log_evidence)  # the first was the one that led alone
         # a mass that explains next to nothing by itself, dear as it is, says little of what it rings beside
         idle = MASS in second.effects and excess(second.fit, prior) > (1.0 - PART) * excess(base, prior)
         if not idle:
@@ -75,7 +78,7 @@ def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
         neither = leaves_most and quest.adequate is not None and not quest.adequate(top_of(out[2:], w).fit)
         # what led alone may be neither of the two; and a shift does part of a mode's work, so that the base had another
         # one where others were tried beside the shift: what was found had it back first, as others may from here
-        if neither or first.effects == (DELAY,):
+        if (neither and not late) or first.effects == (DELAY,):
             out += beside_the_second(w, first, quest)
     others = [n for n in w.effects if n != FURTHER]
     if len(others) == len(w.effects):
