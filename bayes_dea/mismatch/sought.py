@@ -23,7 +23,7 @@ from .readings.own_limits import CLIPPING, limit_of_readings
 from .readings.reread import Rereading, odd_one_out, other_holds
 from .readings.seen import Seen
 from .search.hypotheses import NONE, UNKNOWN
-from .search.name import RIVAL, Brief, Memory, ReadOtherwise, Spoiled, name_physics, weigh_delay
+from .search.name import RIVAL, Brief, Memory, ReadOtherwise, Spoiled, name_physics, weigh_late
 from .search.naming import Naming, across_readings
 from .search.once import Once
 from .search.quest import Report
@@ -160,7 +160,8 @@ def _retimed(
 ) -> Rereading | None:
     """Another hold convention that leaves nothing to explain by far: no effect has to be weighed to see that.
 
-    None but a delay: one that is no whole number of samples leaves, read that way, what looks like another effect.
+    None but what is late by about a sample: a delay that is no whole number of them leaves, read that way, what looks
+    like another effect, and a resistance or a lag of half of one is nearly what another convention does.
     holds: a fit under the other conventions (`other_holds`).
     """
     if is_adequate(base, rng):
@@ -169,8 +170,8 @@ def _retimed(
     if not found:
         return None
     best = max(found, key=lambda r: r.log_weight)
-    delayed = weigh_delay(base, campaign, overrides, prior, rng)
-    return None if delayed is not None and delayed > best.log_weight else best
+    late = weigh_late(base, campaign, overrides, prior, rng)
+    return None if late is not None and late > best.log_weight else best
 
 
 def _reread(

@@ -19,6 +19,8 @@ _KINK = 0.35
 #: share of the readings that are one value where a sensor's range ends there, share of a stretch that makes it no
 #: measure of noise, and stretches that are enough
 _PILED, _AT_AN_END, _ENOUGH = 0.03, 0.1, 8
+#: rows that a pulse of the input lasts at most, and beside it that answer to it
+_BESIDE = 2
 #: readings of normal noise that may pass for false in a column, however long
 _BY_CHANCE = 1e-2
 #: edges of the input below which a lag that repeats cannot be seen, and samples after one in which a mass swings
@@ -35,7 +37,8 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     is taken off first, by its running median. Local scale: a typical value of the record or, where clearly
     larger, the one-sided medians of 25 samples before and after, so ringing raises its own threshold. Two
     lengths of side windows (3 and 9 samples) find single readings and runs of up to four. What happens at
-    one and the same lag after many edges of the input answers to the input and is no drop-out;
+    one and the same lag after many edges of the input answers to the input and is no drop-out, nor what
+    stands beside a pulse of one or two rows;
     nor is what comes twice soon after one of few edges (a mass that swings), nor what noise takes below
     the end of a sensor's range, where most readings are that end.
 
@@ -60,6 +63,7 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
     if good is not None:
         edges = np.unique(np.searchsorted(good, edges))
     edges = edges[edges < x.size].astype(np.int64)
+    pulses = _pulses(edges, np.asarray(u, dtype=float), good)
     low, bottom, top, high = quantiles(of(x), [0.001, 0.005, 0.995, 0.999])
     ends = tuple(v for v in (bottom, top) if sum(np.count_nonzero(x[p] == v) for p in pieces(x.size)) > _PILED * x.size)
     floor = max(1e-3 * (high - low), 3.0 * (_smallest_step(x) if resolution is None else resolution))
@@ -71,6 +75,11 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
             reach = np.searchsorted(edges, new + side + 3, side="right") > np.searchsorted(edges, new - side - 3)
             new = new[~reach]
         found = np.union1d(found, new)
+    if pulses.size and found.size:
+        after = np.searchsorted(pulses, found)
+        behind = found - pulses[np.maximum(after - 1, 0)]
+        ahead = pulses[np.minimum(after, pulses.size - 1)] - found
+        found = found[np.minimum(np.abs(behind), np.abs(ahead)) > _BESIDE]
     while edges.size and found.size:
         answers = _systematic(found, edges)
         if not answers.any():
@@ -78,6 +87,13 @@ def find_dropouts(y: ArrayLike, u: ArrayLike, *, threshold: float = 5.2,
         found = found[~answers]  # what is left may be most of all at another lag
     mask[found if good is None else good[found]] = True
     return mask
+
+
+def _pulses(edges: NDArray[np.int64], u: NDArray[np.float64], good: NDArray[np.int64] | None) -> NDArray[np.int64]:
+    """First rows of pulses of the input of one or two rows: up and down again, or the other way round."""
+    at = edges if good is None else good[edges]
+    jump = np.sign(u[at] - u[np.maximum(at - 1, 0)])
+    return edges[:-1][(np.diff(edges) <= _BESIDE) & (jump[1:] * jump[:-1] < 0.0)] if edges.size > 1 else edges[:0]
 
 
 def _smallest_step(x: NDArray[np.float64]) -> float:

@@ -95,6 +95,16 @@ class TestDropouts:
         y[300_000] += 12.0
         assert np.flatnonzero(find_dropouts(y, np.zeros(y.size))).tolist() == [300_000]
 
+    @pytest.mark.parametrize("rows", [1, 2])
+    def test_what_answers_to_a_pulse_of_the_input_is_none(self, rows):
+        """The last sample of a square wave that is cut off in its high state, say."""
+        u = np.where(np.arange(6000) % 1000 < 500, 1050.0, 250.0)
+        u[5600 : 5600 + rows] = 1050.0
+        y = 90.0 * (u / 1050.0) ** 2 + np.random.default_rng(18).normal(0.0, 1.0, u.size)
+        assert not find_dropouts(y, u).any()
+        y[3300] -= 30.0
+        assert np.flatnonzero(find_dropouts(y, u)).tolist() == [3300]
+
     @pytest.mark.parametrize("rho", [0.0, 0.8])
     def test_ten_um_in_one_um_of_noise(self, rho):
         rng = np.random.default_rng(6)

@@ -80,6 +80,8 @@ _PROMISES = 1.0 / 3.0
 NEARLY = 0.75
 #: share of the misfit that is left which a further effect has to take away for another one to be looked for after it
 _STEP = 0.05
+#: what another hold convention may pass for
+_LATE_BY_A_SAMPLE = (DELAY, "sensor_lag", "series_resistance")
 #: nats behind the likeliest within which others are known of when a search begins anew
 RIVAL = 30.0
 
@@ -537,18 +539,19 @@ class _Search:
             self._lead(self._thoughts(pair))
 
 
-def weigh_delay(
+def weigh_late(
     base: Fit, campaign: Campaign, overrides: Mapping[str, object] | None, prior: NoisePrior, rng: np.random.Generator
 ) -> float | None:
-    """Log evidence and log prior of a delay of the readings, weighed alone; None where none can be told."""
-    names, _ = candidates(base.problem.model, campaign, {p.channel for p in base.problem.pieces}, ())
-    if DELAY not in names:
+    """Log evidence and log prior of what is likeliest, weighed alone, of what makes readings late by about a sample: a
+    delay, a lag, a resistance. None where none can be told."""
+    known, _ = candidates(base.problem.model, campaign, {p.channel for p in base.problem.pieces}, ())
+    names = tuple(n for n in _LATE_BY_A_SAMPLE if n in known)
+    if not names:
         return None
-    quest = Quest(base, (DELAY,), {**effect_priors([DELAY], campaign), **(overrides or {})}, prior, rng)
+    quest = Quest(base, names, {**effect_priors(names, campaign), **(overrides or {})}, prior, rng)
     weighed = refined(base, on_grids([Frame(replace(base, noise=prior.start()))], 1, quest), quest)
-    if not weighed:
-        return None
-    return weighed[DELAY].log_evidence + math.log(sum(shares(weighed[DELAY], prior_odds(), len(names))))
+    found = (w for w in weighed.values() if w.refitted)
+    return max((w.log_evidence + math.log(sum(shares(w, prior_odds(), len(known)))) for w in found), default=None)
 
 
 def _is_enough(found: Explanation) -> bool:
