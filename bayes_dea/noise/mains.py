@@ -25,6 +25,9 @@ _HIGHEST_HARMONIC = 8
 _LEAK_BINS = 4.0
 #: share of a line that is left where what a drive has at its frequency is taken out
 _TOLD_APART = 0.2
+#: share of its range by which a drive moves, periods of a line that it has to rest for before, and the share of a line
+#: that is there at rest, so many of its standard errors up: mains is there whatever the drive does
+_STIRS, _RESTS_PERIODS, _AT_REST, _RESTS_SDS = 0.02, 10.0, 0.5, 4.0
 #: a gap that counts (s), and the share of a recording in such gaps from which on only its longest stretch is looked at:
 #: a line drawn across a gap holds no mains, and no noise either
 _GAP_S, _MOST_GAPS = 0.2, 0.1
@@ -90,7 +93,8 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
 
     A line counts as the drive's where u or u^2, times the gain that y shows at their strongest lines,
     explains a tenth of it; where the drive is periodic and the line one of its multiples, it must also
-    stand four times above the neighbouring multiples. A model's residuals as y show more than raw data do.
+    stand four times above the neighbouring multiples. One that is not there at rest, before u moves, is none: a mass
+    near 50 Hz that steps make ring. A model's residuals as y show more than raw data do.
 
     Parameters
     ----------
@@ -126,7 +130,10 @@ def find_mains(y: ArrayLike, time_s: ArrayLike, u: ArrayLike | None = None, *, f
             hits = _Hits(base, spectrum, tuple(lines))
             if hits.lines and (best is None or hits.score > best.score):
                 best = hits
-    return None if best is None else _refine(best, d, t, step, drive_rows)
+    if best is None:
+        return None
+    mains = _refine(best, d, t, step, drive_rows)
+    return None if drive_rows is not None and _silent_at_rest(mains, d, step, drive_rows) else mains
 
 
 @dataclass(frozen=True)
@@ -370,6 +377,25 @@ def _refine(hits: _Hits, d: Array, t: Array, step: float, drive: Array | None) -
             amplitude_se=math.sqrt(variance) / abs(response), phase_rad=math.atan2(a.imag, a.real),
             false_alarm=float(min(1.0, probability))))
     return Mains(base_Hz=hits.base, frequency_Hz=fundamental, lines=tuple(lines), coherent=coherent)
+
+
+def _silent_at_rest(mains: Mains, d: Array, step: float, drive: Array) -> bool:
+    """Whether the strongest line is not there before the drive moves: what it kicks is a mass that rings.
+
+    d, drive: see `_refine`. Nothing is said where the drive moves at once, or never.
+    """
+    moved = np.flatnonzero(np.abs(drive - drive[0]) > _STIRS * float(np.ptp(drive)))
+    line = max(mains.lines, key=lambda one: one.amplitude)
+    rest = int(moved[0]) if moved.size else 0
+    if rest * step < _RESTS_PERIODS / line.frequency_Hz:
+        return False
+    w = 2 * math.pi * line.frequency_Hz
+    window = np.hanning(rest + 2)[1:-1]
+    z = np.sum(window * d[:rest] * np.exp(-1j * w * step * np.arange(rest)))
+    # around a line that rings there is more than noise: what scatters at rest tells how well one is seen there
+    response = abs(2j * math.sin(0.5 * w * step)) * float(window.sum()) / 2.0
+    size, se = abs(z) / response, float(np.std(d[:rest])) * math.sqrt(0.5 * float(window @ window)) / response
+    return bool(size + _RESTS_SDS * se < _AT_REST * line.amplitude)
 
 
 def _demodulate(d: Array, step: float, w: float, chunk: int) -> tuple[NDArray[np.complex128], int]:

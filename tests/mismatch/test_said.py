@@ -5,11 +5,13 @@ from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bayes_dea.experiments.words import recording_in_words
 from bayes_dea.mismatch.go_on import calibrate_command
 from bayes_dea.mismatch.judge import Judged
+from bayes_dea.mismatch.readings.outliers import false_reading_warning
 from bayes_dea.mismatch.store import terminal_summary
 from bayes_dea.mismatch.verdict import Ruling
 from bayes_dea.mismatch.words import sentence, statement
@@ -138,3 +140,12 @@ def test_mains_is_said_with_the_numbers_of_its_hypothesis(summary):
         None, "none",
     )  # fmt: skip
     assert said.startswith("Mains at 50.03 Hz with an amplitude of 3 um is picked up by the sensor")
+
+
+def test_readings_in_a_row_are_not_called_isolated():
+    piece = SimpleNamespace(name="creep.csv", recording=SimpleNamespace(time_s=0.001 * np.arange(100)))
+    apart, in_a_row = np.zeros((2, 100), dtype=bool)
+    apart[[3, 50]] = True
+    in_a_row[[3, 4, 50]] = True
+    assert "2 isolated readings stand out" in false_reading_warning(piece, apart)
+    assert "3 readings stand out" in false_reading_warning(piece, in_a_row)

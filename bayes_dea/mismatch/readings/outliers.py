@@ -70,7 +70,8 @@ def false_reading_warning(piece: Piece, rows: NDArray[np.bool_]) -> str:
     t = piece.recording.time_s[rows]
     times = ", ".join(f"{x:.3f}" for x in t[:_NAMED]) + (", ..." if t.size > _NAMED else "")
     what, come = ("reading stands", "does") if t.size == 1 else ("readings stand", "do")
+    alone = "" if np.any(np.diff(np.flatnonzero(rows)) == 1) else "isolated "
     return (
-        f"{piece.name}: {t.size} isolated {what} out of the noise by more than chance and {come} not come back at "
+        f"{piece.name}: {t.size} {alone}{what} out of the noise by more than chance and {come} not come back at "
         f"other edges (at {times} s); taken for drop-outs and left out"
     )
