@@ -384,9 +384,10 @@ def _silent_at_rest(mains: Mains, d: Array, step: float, drive: Array) -> bool:
 
     d, drive: see `_refine`. Nothing is said where the drive moves at once, or never.
     """
-    moved = np.flatnonzero(np.abs(drive - drive[0]) > _STIRS * float(np.ptp(drive)))
+    stirs = _STIRS * float(drive.max() - drive.min())
+    moves = ((p.start, np.abs(drive[p] - drive[0]) > stirs) for p in pieces(drive.size, BLOCK))
+    rest = next((start + int(np.argmax(moved)) for start, moved in moves if moved.any()), 0)
     line = max(mains.lines, key=lambda one: one.amplitude)
-    rest = int(moved[0]) if moved.size else 0
     if rest * step < _RESTS_PERIODS / line.frequency_Hz:
         return False
     w = 2 * math.pi * line.frequency_Hz
