@@ -388,6 +388,7 @@ def _silent_at_rest(mains: Mains, d: Array, step: float, drive: Array) -> bool:
     moves = ((p.start, np.abs(drive[p] - drive[0]) > stirs) for p in pieces(drive.size, BLOCK))
     rest = next((start + int(np.argmax(moved)) for start, moved in moves if moved.any()), 0)
     line = max(mains.lines, key=lambda one: one.amplitude)
+    rest = min(rest, BLOCK)  # enough, and no more than is held in memory
     if rest * step < _RESTS_PERIODS / line.frequency_Hz:
         return False
     w = 2 * math.pi * line.frequency_Hz

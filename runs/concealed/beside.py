@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +24,17 @@ _CUTS_OFF = "sensor_clipping"
 _EVERY = 10
 
 
-def sizes_beside(case: Any, campaign: Any, base: Any, assembled: Any, unseen: Any) -> dict[str, float] | None:
+def sizes_beside(case: Any, campaign: Any, base: Any, assembled: Any) -> dict[str, float] | None:
     """Steps by effect of a case with several; None for others, or where the true equations cannot be fitted. A limit
     of the sensor has none.
 
-    base: fit of the plain model; unseen: recordings to validate, of which the commands alone are used. The others are
-    refitted from where the truth stands, and from where the plain model does: the better one counts.
+    base: fit of the plain model. Of recordings to validate the commands alone are used. The other effects are refitted
+    from where the truth stands, and from where the plain model does: the better one counts.
     """
     from lead import fit_of_the_truth, names_of
 
     from bayes_dea.gauss_newton.noise_prior import noise_prior
+    from bayes_dea.gauss_newton.reduced import reduce_campaign
     from bayes_dea.mismatch.search.hypotheses import extended
     from bayes_dea.mismatch.search.relabel import within
     from bayes_dea.mismatch.search.weigh import Weighed
@@ -45,11 +45,12 @@ def sizes_beside(case: Any, campaign: Any, base: Any, assembled: Any, unseen: An
     whole = fit_of_the_truth(case, campaign, base, assembled)
     if whole is None:
         return None
+    unseen = [p for p in reduce_campaign(assembled) if not p.identify and p.channel == "displacement"]
     own = {p.name: p for p in whole.problem.model.parameters}
     prior, names, steps = noise_prior(assembled), names_of(case), {}
     for effect in (e for e in case.truth.split("+") if e != _CUTS_OFF):
         model = extended(base.problem.model, [n for n in names if n != effect], own)
-        starts = (_on(base, whole, model), whole)
+        starts = (_on(base, whole), whole)
         found = [within(Weighed(tuple(names), f, f.log_evidence, 0.1, 0.0), base, model, prior) for f in starts]
         without = min((w.fit for w in found if w is not None), key=lambda f: f.objective, default=None)
         if without is None:
@@ -59,7 +60,7 @@ def sizes_beside(case: Any, campaign: Any, base: Any, assembled: Any, unseen: An
     return steps
 
 
-def _on(base: Any, whole: Any, model: Any) -> Any:
+def _on(base: Any, whole: Any) -> Any:
     """The truth's effects on the base as the plain model has it: where a fit may begin."""
     from dataclasses import replace
 
@@ -89,8 +90,7 @@ def of_seed(seed: int, kind: str | None) -> dict[str, float] | None:
         campaign, build_model(case.model), MapSettings(), 1, np.random.default_rng(1), Journal(None),
         lambda *_: None, Laps(),
     )  # fmt: skip
-    unseen = [p for p in ready.seen.pieces if not p.identify and p.channel == "displacement"]
-    return sizes_beside(case, campaign, ready.seen.base, ready.assembled, unseen)
+    return sizes_beside(case, campaign, ready.seen.base, ready.assembled)
 
 
 def main() -> None:
@@ -98,7 +98,7 @@ def main() -> None:
     import warnings
 
     from kept import packed
-    from scores import group, read_rows
+    from scores import NAMEABLE_NATS, group, read_rows
 
     from bayes_dea.results import write_bytes
 
@@ -106,7 +106,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", type=Path)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--below", type=float, default=340.0, help="nats of lead below which rows are asked")
+    parser.add_argument("--below", type=float, default=NAMEABLE_NATS, help="nats of lead below which rows are asked")
     a = parser.parse_args()
     rows = read_rows(a.rows)
     known = {r["seed"]: r["beside"] for r in read_rows(a.out) if "beside" in r}
@@ -115,8 +115,7 @@ def main() -> None:
     todo = sorted((i for i in todo if rows[i]["lead"] < a.below), key=lambda i: rows[i]["lead"])
     for k, i in enumerate(todo, 1):
         steps = of_seed(rows[i]["seed"], rows[i].get("kind"))
-        if steps is not None:
-            rows[i] = rows[i] | {"beside": steps}
+        rows[i] |= {} if steps is None else {"beside": steps}
         r = rows[i]
         print(f"{k}/{len(todo)} seed {r['seed']} {r['truth']} lead {r['lead']:.1f} {steps}", flush=True)
         if k % _EVERY == 0:
@@ -125,4 +124,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -1,4 +1,4 @@
-"""By how much the true equations lead every rival, and how large each of two effects is, in one campaign of the study.
+"""By how much the true equations lead every rival, in one campaign of the study.
 
 What recordings can name is what no rival comes near: it does not matter how much an effect changes them but how much
 better the truth explains them than the best of everything else. The truth is fitted from its true values, so that a

@@ -62,7 +62,6 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
     from lead import lead_of
 
     from bayes_dea.bench.concealed import draw_case
-    from bayes_dea.gauss_newton.reduced import reduce_campaign
     from bayes_dea.mismatch.diagnosis import diagnose
 
     row: dict[str, Any] = {"seed": seed, "kind": kind, "code": code_digest()}
@@ -97,8 +96,7 @@ def one(seed: int, kind: str | None) -> dict[str, Any]:
         }
         # after the rest: what fails here is no failed diagnosis
         row["lead"] = lead_of(case, campaign, result)
-        unseen = [p for p in reduce_campaign(result.assembled) if not p.identify and p.channel == "displacement"]
-        beside = sizes_beside(case, campaign, result.base, result.assembled, unseen)
+        beside = sizes_beside(case, campaign, result.base, result.assembled)
         row |= {} if beside is None else {"beside": beside}
     except Exception as error:  # a campaign that fails is a finding: it is kept and counted
         row |= {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc(limit=-4)}

@@ -17,18 +17,19 @@ from ...gauss_newton.noise_prior import NoisePrior
 from ...gauss_newton.problem import Problem
 from ...gauss_newton.reduced import Piece
 from ...gauss_newton.refit import Fit
+from ...gauss_newton.whitening import Shared
 from ...likelihood.plant_group import Reading
 from ...models.nodes import Nodes
 from ..left_out import Repaired
-from ..search.frame import Frame
 from ..search.hypotheses import UNKNOWN
 from ..search.naming import Naming
 from .one_number import Climb, Sized
+from .shared_column import left
 from .unlisted import CLEAR, Claimed, Unlisted, clearest
 
 #: sd (V) of the prior of an offset, the largest that is looked for, and where is looked first
 _SD_V, _LARGEST_V, _FIRST_V = 5.0, 30.0, 1.0
-#: how much more than one step promises an offset may bring, beside a fit that did its work with something else (seven
+#: how much more than one step promises an offset may bring, beside a fit that did its work with something else (nine
 #: times beside a leak), and nats of slack
 _FALLS_SHORT, _SLACK = 20.0, 10.0
 #: effects that do to the size of an answer, level by level, what an offset may do
@@ -86,7 +87,7 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> Sized | None:
     def raised(problem: Problem, volts: float) -> Problem:
         return replace(problem, pieces=tuple(with_offset(p, volts) for p in problem.pieces))
 
-    if _FALLS_SHORT * _promised(fit, raised(fit.problem, _FIRST_V), prior) < beyond - fit.log_evidence - _SLACK:
+    if _FALLS_SHORT * _promised(fit, raised(fit.problem, _FIRST_V)) < beyond - fit.log_evidence - _SLACK:
         return None
     climb = Climb(fit, prior, raised, _FIRST_V, _LARGEST_V)
     climb.go_up()
@@ -102,19 +103,17 @@ def offset_of(fit: Fit, prior: NoisePrior, beyond: float) -> Sized | None:
     return Sized(mean, precision**-0.5, total, Repaired(peak.fit, lambda piece: with_offset(piece, peak.near)))
 
 
-def _promised(fit: Fit, raised: Problem, prior: NoisePrior) -> float:
+def _promised(fit: Fit, raised: Problem) -> float:
     """Nats that an offset promises beside a fit whose parameters move along linearly; one simulation.
 
-    raised: the fit's problem with some volts more. At the noise that fits begin with, which promises most.
+    raised: the fit's problem with some volts more.
     """
-    frame, there = Frame(replace(fit, noise=prior.start())), raised.clean(fit.q)
+    there = raised.clean(fit.q)
     if not all(np.isfinite(x).all() for x in there):
         return math.inf
-    up, down = (
-        frame.value([x + sign * (y - x) for x, y in zip(fit.clean, there, strict=True)])[0] for sign in (1.0, -1.0)
-    )
-    slope, curvature = 0.5 * (down - up), up + down - 2.0 * frame.value(fit.clean)[0]
-    return 0.5 * slope**2 / curvature if slope > 0.0 and curvature > 0.0 else 0.0
+    moved = Shared([(y - x)[None] for x, y in zip(fit.clean, there, strict=True)])
+    (own,), (beside,) = left(fit, moved)
+    return 0.5 * float(max(beside, 0.0) ** 2 / own) if np.isfinite(own) else 0.0
 
 
 def with_offset(piece: Piece, volts: float) -> Piece:

@@ -12,7 +12,6 @@ where a mode does part of its work, and then the other would stand without its r
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -54,16 +53,13 @@ def damper_or_lag(w: Weighed, known: Mapping[str, Weighed], quest: Quest) -> lis
     quest.say("comparing rivals", 0, 1, "+".join(both))
     values, n = w.fit.values(), model.spec.elements
     there, modes = _as_a_damper(values, n) if own == LAG else _as_a_lag(values, n)
-    if not set(model.priors.names) <= set(there):
-        return []
     q = with_modes(w.fit, model, there, modes)
     if not np.isfinite(q).all():
         return []
     fit = refit(w.fit.problem.with_model(model), q, quest.prior.start(), quest.prior, coarse=True)
     if fit is None or (before is not None and before.refitted and fit.objective > before.fit.objective - _HIGHER):
         return []
-    found = Weighed(both, fit, fit.log_evidence, 0.1, effect_size(quest.base, fit))
-    return [found if before is None else replace(found, value=before.value)]
+    return [Weighed(both, fit, fit.log_evidence, 0.1, effect_size(quest.base, fit))]
 
 
 def _as_a_damper(values: Mapping[str, float], n: int) -> tuple[dict[str, float], list[tuple[float, float]]]:

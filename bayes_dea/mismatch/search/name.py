@@ -452,9 +452,7 @@ class _Search:
         """Further effects that may hide beside the best. free: it without a mode that stands in for one."""
         best = self.best.weighed
         start = free or best
-        # beside a shift that is no physics any effect is a single one, and looked for as that
-        hidden = free is None and self.known.physics(best) > 0
-        more = beside(start, self.quest, HIDDEN if hidden else LEAST_GAIN)
+        more = beside(start, self.quest, HIDDEN if free is None else LEAST_GAIN)
         more = [replace(t, size_m=effect_size(best.fit, t.fit)) for t in more if t.fit is not start.fit]
         # one that adds nothing to what is enough without it is no rival of that
         more = self._taken([t for t in more if t.log_evidence > best.log_evidence])

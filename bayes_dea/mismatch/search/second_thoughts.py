@@ -33,13 +33,13 @@ _FAR_BEHIND = 50.0
 def second_thoughts(w: Weighed, quest: Quest) -> list[Weighed]:
     """Rivals that are looked for from where an explanation stands.
 
-    Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two the
-    one found second gets another beside it. An effect that contains another is put back to that one; where it leaves
-    nothing to be seen alone, any other may be beside that one as well. A mode of the base may have gone astray, and
-    then a further one does its work; or it stands in for another effect (a mode far faster than the sampling is a
-    damper), and then that effect is looked for in its place. Of three one may do what is left of an effect that
-    contains another one of them, and then that effect is looked for in place of both; of two that leave nothing to be
-    seen in place of that one.
+    Of several effects each is left out: a fit of one alone may have ended where the other was needed; and of two, a
+    shift of the readings apart, the one found second gets another beside it. An effect that contains another is put
+    back to that one; where it leaves nothing to be seen alone, any other may be beside that one as well. A mode of
+    the base may have gone astray, and then a further one does its work; or it stands in for another effect (a mode
+    far faster than the sampling is a damper), and then that effect is looked for in its place. Of three one may do
+    what is left of an effect that contains another one of them, and then that effect is looked for in place of
+    both; of two that leave nothing to be seen in place of that one.
     """
     out: list[Weighed] = []
     base, model, prior, names = quest.base, quest.model, quest.prior, quest.names
